@@ -240,7 +240,7 @@ def simulate_fmu(
     Raises
     ------
     InputError
-        No such FMU, parameter or input, or times that are not equidistant.
+        No such FMU, parameter or input, times that are not equidistant, or an input that is not as long as they are.
     SimulationError
         The FMU failed.
 

@@ -3,6 +3,7 @@
 import inspect
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -113,6 +114,25 @@ def test_an_fmu_is_described_and_simulated():
     times = np.arange(200) * 1e-3
     shown = estimator.simulate_fmu("dc_motor", times=times, inputs={"v": np.full(200, 6.0)}, parameters={"R": 3.0})
     assert set(shown) == {"i", "w", "angle"} and shown["w"].shape == (200,) and shown["w"][-1] > 50
+
+
+@pytest.mark.parametrize(
+    ("v", "shape"), [(12.0, "()"), ([12.0] * 4, "(4,)"), (np.full((200, 1), 12.0), "(200, 1)")], ids=str
+)
+def test_an_input_that_is_not_as_long_as_the_times_is_told(v, shape):
+    """A shorter one was simulated: what lay behind it in memory was the rest of the voltage."""
+    with pytest.raises(
+        estimator.InputError, match=re.escape(f"input 'v' has shape {shape}; it should be as long as times, (200,)")
+    ):
+        estimator.simulate_fmu("dc_motor", times=np.arange(200) * 1e-3, inputs={"v": v})
+
+
+@pytest.mark.parametrize("formats", [["matlab", "octave"], "csv"])
+def test_a_format_that_there_is_not_is_told(formats, result, tmp_path):
+    """Each was taken for the rebuilt FMU: of "csv" each letter."""
+    with pytest.raises(estimator.InputError, match="there is no format '(octave|c)'.*matlab"):
+        result.export(tmp_path / "out", formats=formats)
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_result_shows_itself_as_text_and_in_a_notebook(result):

@@ -52,7 +52,7 @@ def simulate(
     Raises
     ------
     InputError
-        No such FMU, parameter or input, or times that are not equidistant.
+        No such FMU, parameter or input, times that are not equidistant, or an input that is not as long as they are.
     SimulationError
         The FMU failed.
     """
@@ -131,7 +131,7 @@ def _experiment(
     *,
     outputs: int,
 ) -> Experiment:
-    columns = [_own(v, np.asarray(inputs[v.name], dtype=float)) for v in driven]
+    columns = [_own(v, _over(times, v.name, inputs[v.name])) for v in driven]
     return Experiment(
         start=float(times[0]) or description.default_experiment["start_time"] or 0.0,
         interval=_step(times),
@@ -140,6 +140,14 @@ def _experiment(
         measured=np.zeros((len(times), outputs)),
         weights=np.zeros(outputs),
     )
+
+
+def _over(times: FloatArray, name: str, signal: FloatArray) -> FloatArray:
+    """Return an input as an array, (n,), that has a value at each time."""
+    values = np.asarray(signal, dtype=float)
+    if values.shape != (len(times),):
+        raise InputError(f"the input {name!r} has shape {values.shape}; it should be as long as times, ({len(times)},)")
+    return values
 
 
 def _own(variable: Variable, value: Any) -> Any:

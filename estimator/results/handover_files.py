@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from estimator.errors import InputError
+from estimator.errors import InputError, suggestion
 from estimator.fmus.fmu import describe
 from estimator.motor.names import is_motor
 from estimator.results.handover import (
@@ -74,13 +74,16 @@ def handover_files(
     Raises
     ------
     InputError
-        There is nothing to hand over, or a format that was asked for cannot be made.
+        There is nothing to hand over, no such format, or one that was asked for cannot be made.
     """
     from fmu_build.errors import BuildError
 
     if estimate.verdict == "refused" or not estimate.parameters:
         reason = estimate.reasons[0] if estimate.reasons else "it has no parameters"
         raise InputError(f"the estimate was refused, so there is nothing to export: {reason}")
+    for form in formats:
+        if form not in FORMATS:
+            raise InputError(f"there is no format {form!r}{suggestion(form, FORMATS)}")
     files: dict[str, bytes] = {}
     left_out = []
     for wanted in formats or FORMATS:
