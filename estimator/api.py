@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from estimator.api_sources import SIGNALS, Source, case_of, recording_of_arrays
+from estimator.api_values import count, interval, listed, named_intervals, named_numbers, number
 from estimator.commands.options import reading, with_corrections, with_held_out, with_options, with_tolerances
 from estimator.errors import InputError, suggestion
 from estimator.estimating.progress import Progress
@@ -165,11 +166,11 @@ def estimate_parameters(
     said = reading(
         column=_pairs("columns", columns, "{'i': 'current A'}"),
         unit=_pairs("units", units, "{'speed': 'rpm'}"),
-        rate=rate,
+        rate=None if rate is None else number("rate", rate, above=0),
         test=test,
         motor=motor,
-        per_turn=per_turn,
-        counts=counts,
+        per_turn=None if per_turn is None else number("per_turn", per_turn, above=0),
+        counts=None if counts is None else number("counts", counts, above=0),
         supply=None if supply is None else str(supply),
     )
     case, recordings = case_of(source, said)
@@ -178,28 +179,30 @@ def estimate_parameters(
         fmu=None if fmu is None else os.fspath(fmu),
         kind=kind,
         method=method,
-        seed=seed,
-        fix=tuple((fix or {}).items()),
-        bounds=tuple((bounds or {}).items()),
+        seed=None if seed is None else count("seed", seed, least=0),
+        fix=named_numbers("fix", fix),
+        bounds=named_intervals("bounds", bounds),
         loss=loss,
-        starts=[dict(s) if isinstance(s, Mapping) else os.path.abspath(s) for s in starts],
+        starts=[
+            dict(named_numbers("starts", s)) if isinstance(s, Mapping) else os.path.abspath(s) for s in listed(starts)
+        ],
     )
     case = with_corrections(
         case,
-        window=window,
-        scale=tuple((scale or {}).items()),
-        offset=tuple((offset or {}).items()),
-        temperature=temperature,
+        window=None if window is None else interval("window", window),
+        scale=named_numbers("scale", scale),
+        offset=named_numbers("offset", offset),
+        temperature=None if temperature is None else number("temperature", temperature, above=-273.15),
         read_as=said,
     )
     case = with_tolerances(case, tolerance)
     if recordings is None:
-        case = with_held_out(case, validate, fitted=len(case.recordings))
+        case = with_held_out(case, listed(validate), fitted=len(case.recordings))
     else:  # read here, with as many tests as each file holds
-        found = [(path, r) for path in validate for r in recordings_in(Path(path), said)]
+        found = [(path, r) for path in listed(validate) for r in recordings_in(Path(path), said)]
         case = with_held_out(case, [path for path, _ in found], fitted=len(recordings))
         recordings = [*recordings, *(r for _, r in found)]
-    with kept_workers(workers or available_cores()) as crew:
+    with kept_workers(available_cores() if workers is None else count("workers", workers, least=1)) as crew:
         return Result.of(
             estimate_by(
                 crew,

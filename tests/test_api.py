@@ -109,6 +109,34 @@ def test_what_is_no_recording_is_told():
         estimator.estimate_parameters("motor.fmu")
 
 
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"seed": -1}, "seed=-1 is not a whole number of at least 0"),
+        ({"seed": 1.5}, "seed=1.5 is not a whole number of at least 0"),
+        ({"workers": 0}, "workers=0 is not a whole number of at least 1"),
+        ({"rate": 0}, "rate=0 is no finite number above 0"),
+        ({"temperature": -300}, "temperature=-300 is no finite number above -273.15"),
+        ({"fix": {"R": "2"}}, "fix['R']='2' is no finite number"),
+        ({"fix": ["R"]}, "fix=['R'] is no mapping of names to numbers"),
+        ({"scale": {"i": float("nan")}}, "scale['i']=nan is no finite number"),
+        ({"bounds": {"R": 5}}, "bounds['R']=5 is no pair of numbers, such as (0.4, 2.0)"),
+        ({"bounds": {"R": (5, 1)}}, "bounds['R']=(5, 1) ends before it begins; give the lower end first"),
+        ({"bounds": {"R": (1, float("inf"))}}, "bounds['R']=inf is no finite number"),
+        ({"bounds": (1, 5)}, "bounds=(1, 5) is no mapping of names to pairs of numbers"),
+        ({"window": "0.1:1"}, "window='0.1:1' is no pair of numbers, such as (0.4, 2.0)"),
+        ({"starts": [{"R": "x"}]}, "starts['R']='x' is no finite number"),
+        ({"loss": "hubert"}, "there is no loss 'hubert'; did you mean 'huber'? (linear, huber)"),
+        ({"validate": "nowhere.csv"}, "nowhere.csv; give the path of a text file"),
+    ],
+    ids=str,
+)
+def test_values_are_checked_as_those_of_the_command_line_are(given, sentence, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    with pytest.raises(estimator.InputError, match=re.escape(sentence)):
+        estimator.estimate_parameters("examples/cml050_step.csv", **given)
+
+
 def test_an_fmu_is_described_and_simulated():
     assert {v.name: v.unit for v in estimator.describe_fmu("dc_motor").variables}["R"] == "Ohm"
     times = np.arange(200) * 1e-3

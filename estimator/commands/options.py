@@ -49,6 +49,11 @@ def with_options(
     search = case.search
     search = dataclasses.replace(search, method=search.method if method is None else method)
     search = dataclasses.replace(search, seed=search.seed if seed is None else seed)
+    if loss is not None:
+        from estimator.cases.case import LOSSES
+
+        if loss not in LOSSES:
+            raise InputError(f"there is no loss {loss!r}{suggestion(loss, LOSSES)}")
     search = dataclasses.replace(search, loss=search.loss if loss is None else loss)
     search = dataclasses.replace(search, starts=(*search.starts, *starts))
     case = dataclasses.replace(case, search=search)
