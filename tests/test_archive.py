@@ -86,6 +86,12 @@ def test_an_encoding_that_could_hide_entities_is_refused(tmp_path, text):
         describe(archive(tmp_path / "bad.fmu", description=text))
 
 
+@pytest.mark.parametrize(("text", "what"), [(" \n", "is empty"), ("<html/>", "says no fmiVersion")])
+def test_a_description_that_is_none_is_told(tmp_path, text, what):
+    with pytest.raises(FmuError, match=f"bad.fmu: modelDescription.xml {what}, so it is no FMU"):
+        describe(archive(tmp_path / "bad.fmu", description=text))
+
+
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "iso-8859-1", "windows-1252"])
 def test_the_usual_encodings_are_read(tmp_path, encoding):
     text = declared_as(encoding.removesuffix("-sig").removesuffix("-le")) + "\n" + XML.replace('"m" guid', '"µ" guid')

@@ -60,6 +60,8 @@ def check_description(path: Path) -> None:
     """
     with zipfile.ZipFile(path) as archive:
         text = archive.read("modelDescription.xml")
+    if not text.strip():
+        raise FmuError(f"{path.name}: modelDescription.xml is empty, so it is no FMU")
     declared = re.match(rb"""[^<]*<\?xml[^>]*?\bencoding\s*=\s*["']([^"']*)["']""", text.replace(b"\0", b"")[:300])
     encoding = declared[1].decode("ascii", "replace").lower() if declared else "utf-8"
     begins = text.lstrip(codecs.BOM_UTF8)[:200].replace(b"\0", b"").lstrip(codecs.BOM_UTF16_LE + codecs.BOM_UTF16_BE)
@@ -70,6 +72,8 @@ def check_description(path: Path) -> None:
         raise FmuError(f"{path.name}: modelDescription.xml has a document type with entities; it is not opened")
     if b"\0" in text:  # UTF-16
         text = text.replace(b"\0", b"")
+    if b"fmiVersion" not in text:
+        raise FmuError(f"{path.name}: modelDescription.xml says no fmiVersion, so it is no FMU")
     variables = text.count(b"valueReference")
     if variables > MAX_VARIABLES:
         raise FmuError(
