@@ -62,6 +62,8 @@ def test_none_and_null_are_missing_samples():
         ({"voltage [V]": V}, None, "table: there is no time column"),
         ({**COLUMNS, "current [A]": CURRENT[:5]}, None, r"table: 'current \[A\]' has shape \(5,\); it should be"),
         (PLAIN, {"sped": "rpm"}, "table: there is no column 'sped' to give a unit; did you mean 'speed'"),
+        ({name: column[:0] for name, column in COLUMNS.items()}, None, "table has 0 samples; at least 10 are needed"),
+        ({name: column[:1] for name, column in COLUMNS.items()}, None, "table has 1 sample; at least 10 are needed"),
         ({**COLUMNS, "current [A]": CURRENT * np.inf}, None, r"table sample 0: 'current \[A\]' is infinite; use NaN"),
     ],
 )

@@ -87,7 +87,8 @@ def recording_of(raw: RawTable, read_as: ReadAs) -> Recording:
     if np.isnan(time).any():
         raise RecordingError(f"{place(int(np.argmax(np.isnan(time))))}: time is empty; every row needs its time")
     if time.size < MIN_SAMPLES:
-        raise RecordingError(f"{raw.file} has {time.size} samples; at least {MIN_SAMPLES} are needed")
+        have = "1 sample" if time.size == 1 else f"{time.size} samples"
+        raise RecordingError(f"{raw.file} has {have}; at least {MIN_SAMPLES} are needed")
     seconds_per_unit = time_unit.numerator / time_unit.denominator
     try:
         ticks, begins = _ticks(time, place, lambda: _half_step(raw, clock, seconds_per_unit))
@@ -146,6 +147,8 @@ def _first_rows(raw: RawTable, read_as: ReadAs) -> int:
     headers, _ = read_as.headers(raw.texts, where=raw.where)
     clock, _ = time_column(headers, raw.where, read_as)
     time = raw.columns[clock]
+    if not time.size:
+        return 0
     falls = np.flatnonzero(np.diff(time) <= 0) + 1
     alike = int(np.argmax(time != time[0]))  # rows of one time, as a logger that waits for its clock writes
     most = min(max(MOST_LEFT_OUT, alike), time.size - MIN_SAMPLES - 3)
