@@ -232,6 +232,12 @@ def test_check_writes_a_figure_of_each_file_and_json(file, tmp_path, capsys):
         ("t,u,i,w", ("--unit", "w=A"), "'A' is no unit of angular speed"),
         ("t,u,i,w", ("--column", "x=w"), "'x', given for a column, is no signal"),
         ("t,u,i,w", ("--column", "w=omega2"), "run.csv has no column 'omega2'"),
+        ("t,u,i,w", ("--column", "v=t"), "run.csv: column 't' cannot be v, as it is time; name another one"),
+        (
+            "t,u,i,w",
+            ("--column", "v=2", "--column", "i=2"),
+            "run.csv: column 'u' cannot be i, as it is v;",
+        ),
         ("t,u,i,w", ("--unit", "w=rpm", "--unit", "w=deg/s"), "--unit is given twice for 'w'"),
         ("t,u,i,w", ("--scale", "q=2"), "scale is given for 'q', which is no signal of run.csv that is used (v, i, w)"),
         ("t,u,i,w", ("--offset", "i=1e300"), "the scale 1 and the offset 1e+300 make i of run.csv as large as 1e+300"),

@@ -119,7 +119,7 @@ def recording_of(raw: RawTable, read_as: ReadAs) -> Recording:
     shown = ticks.time
     if origin:
         shown = np.asarray(np.arange(shown.size) * ticks.step if ticks.even else shown - origin, dtype=np.float64)
-    places = {role: j for role, j in read_as.places(headers, where=raw.file).items() if role != "time"}
+    places = {role: j for role, j in read_as.places(headers, where=raw.file, clock=clock).items() if role != "time"}
     return Recording(
         name=name,
         path=raw.path,

@@ -76,20 +76,25 @@ class ReadAs(Locked):
             given.update(found)
         return headers, frozenset(given)
 
-    def places(self, headers: Sequence[Header], *, where: str) -> dict[str, int]:
-        """Return which header each role of `columns` means.
+    def places(self, headers: Sequence[Header], *, where: str, clock: int | None = None) -> dict[str, int]:
+        """Return which header each role of `columns` means; `clock` is that of the time, where it is known.
 
         Raises
         ------
         RecordingError
-            There is no such column.
+            There is no such column, or it is another signal already.
         """
-        found = {}
+        found: dict[str, int] = {}
+        signals = {} if clock is None else {clock: "time"}
         for role, name in self.columns.items():
             there = self._named(role, headers)
             if not there:
                 raise RecordingError(f"{where} has no column {name!r}{suggestion(name, [h.text for h in headers])}")
             found[role] = there[0]
+            if (other := signals.setdefault(there[0], role)) != role:
+                raise RecordingError(
+                    f"{where}: column {headers[there[0]].text!r} cannot be {role}, as it is {other}; name another one"
+                )
         return found
 
     def _named(self, name: str, headers: Sequence[Header]) -> list[int]:
