@@ -262,7 +262,7 @@ COMPLAINTS = {
     ),
     "an input between": (
         '[inputs]\nv = { column = "v", between = "cubic" }\n' + RECORDING,
-        "line 2: inputs.v.between cannot be 'cubic' (found, held, linear)",
+        "line 2: inputs.v.between cannot be 'cubic' (found, held, linear, linear between jumps)",
     ),
     "a window of one": (RECORDING + "window = [1]\n", "line 3: recording.window must be two times in s, such as [0.4"),
     "a window that goes back": (

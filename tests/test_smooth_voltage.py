@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 from estimator import estimate_parameters, recording_from_arrays
 from estimator.recordings.excitation import find_excitation
-from estimator.recordings.smooth_inputs import moves_smoothly, smoothed
+from estimator.recordings.smooth_inputs import jumps, moves_smoothly, smoothed
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -97,3 +97,51 @@ def steady(voltage):
     r, k, _, _, b = MOTOR.values()
     w = k * voltage / (r * b + k * k)
     return b * w / k, w
+
+
+def discharged(t):
+    """Return the voltage of a capacitor that is connected at 40 ms, and falls."""
+    return np.where(t >= 0.04 - 1e-9, 10.0 * np.exp(-(t - 0.04) / 0.06), 0.0)
+
+
+def of_capacitor(seed, said=""):
+    times, rng = np.arange(200) * 2e-3, np.random.default_rng(seed)
+    edge = 20
+    after = response(discharged, times[edge:])
+    i, w = np.concatenate([np.zeros((2, edge)), after], axis=1) + rng.standard_normal((2, 200)) * [[0.005], [0.2]]
+    v = discharged(times) + 0.01 * rng.standard_normal(200)
+    return recording_from_arrays("capacitor", times, {"voltage [V]": v, "current [A]": i, "speed [rad/s]": w})
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_measured_voltage_that_jumps_and_falls_is_on_lines_between_its_jumps_or_nobody_can_tell(seed):
+    result = estimate_parameters(of_capacitor(seed), workers=1)
+    z = [(result.parameters[n].value - x) / result.parameters[n].uncertainty for n, x in MOTOR.items()]
+    assert max(map(abs, z)) < 4.5
+    assert any("v on a line between its jumps" in text for text in (*result.notes, *result.reasons))
+
+
+def test_a_voltage_that_is_declared_to_be_linear_between_jumps_is_told_as_exactly_as_a_smooth_one(tmp_path):
+    recording = of_capacitor(4)
+    table = np.column_stack([recording.time, *recording.signals.values()])
+    np.savetxt(
+        tmp_path / "capacitor.csv", table, delimiter=",", header=",".join(["t [s]", *recording.units]), comments=""
+    )
+    (tmp_path / "discharge.case.toml").write_text(
+        '[inputs]\nv = { column = "voltage [V]", between = "linear between jumps" }\n'
+        '[[recording]]\nfile = "capacitor.csv"\n'
+    )
+    result = estimate_parameters(tmp_path / "discharge.case.toml", workers=1)
+    assert result.verdict == "ok", result.reasons
+    assert worst(result) < 4.5 and result.parameters["K"].uncertainty < 5e-3 * MOTOR["K"]
+
+
+def test_jumps_are_where_a_voltage_changes_by_far_more_than_beside_and_everywhere_where_it_has_levels():
+    rng, rows = np.random.default_rng(4), np.arange(300)
+    falls = np.where(rows >= 50, 10 * np.exp(-(rows - 50) / 30), 0.0) + 0.01 * rng.standard_normal(300)
+    assert np.flatnonzero(jumps(falls)).tolist() == [50]
+    assert not jumps(np.sin(rows / 20)).any()
+    levels = np.where(rows >= 50, 10.0, 0.0)
+    assert np.flatnonzero(jumps(levels)).tolist() == [50]
+    noisy = levels + 0.02 * rng.standard_normal(300)
+    assert jumps(noisy)[1:].all()

@@ -177,6 +177,36 @@ def test_a_linear_input_that_comes_late_is_that_of_the_solver(crew):
     np.testing.assert_allclose(crew.reference(values, refine=8), batch.shown[0], rtol=1e-9, atol=1e-9)
 
 
+def jumping(n):
+    """Return a voltage on lines that jumps at a row, (n,), where it ends before each next one, and its course."""
+    times = np.arange(n) * 1e-3
+    voltage = smooth(n) + np.where(np.arange(n) >= 60, 9.0, 0.0)
+    ends = np.append(voltage[1:], voltage[-1])
+    ends[59] = voltage[59]
+
+    def course(t):
+        row = int(np.clip(np.floor(t / 1e-3 + 1e-9), 0, n - 1))
+        if t < 0 or row == n - 1:
+            return voltage[row]
+        return voltage[row] + (ends[row] - voltage[row]) * (t - times[row]) / 1e-3
+
+    return voltage, ends[:, None], course
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0034])
+def test_a_linear_input_that_jumps_at_a_row_is_that_of_the_solver(crew, delay):
+    n = 150
+    voltage, ends, course = jumping(n)
+    times = np.arange(n) * 1e-3
+    truth = solved(lambda t: course(t - delay), times, breaks=times + delay)
+    jumped = dataclasses.replace(experiment(voltage, np.zeros((n, 2))), ends=ends)
+    crew.load(dataclasses.replace(with_sensors(jumped), linear=(True,)))
+    values = np.array([*NOMINAL, delay, *PLAIN])
+    batch = shown(crew, values, refine=8)
+    np.testing.assert_allclose(batch.shown[0], truth, rtol=0, atol=1e-3)
+    np.testing.assert_allclose(crew.reference(values, refine=8), batch.shown[0], rtol=1e-9, atol=1e-9)
+
+
 @pytest.mark.parametrize("delay", [0.0, 0.00234])
 def test_a_clock_that_jitters_is_simulated_at_its_own_times(crew, delay):
     n = 200
@@ -257,3 +287,9 @@ def test_an_fmu_that_interpolates_is_told_the_slopes(crew, tmp_path):
         truth = solved(lambda t, d=delay: np.interp(t - d, times, voltage), times, breaks=times + delay)
         batch = shown(crew, [*parameters.values(), delay, *PLAIN])
         np.testing.assert_allclose(batch.shown[0], truth, rtol=1e-6, atol=1e-6)
+    voltage, ends, course = jumping(n)
+    crew.load(
+        dataclasses.replace(job, experiments=(dataclasses.replace(experiment(voltage, np.zeros((n, 2))), ends=ends),))
+    )
+    truth = solved(course, times, breaks=times)
+    np.testing.assert_allclose(shown(crew, [*parameters.values(), 0.0, *PLAIN]).shown[0], truth, rtol=1e-6, atol=1e-6)

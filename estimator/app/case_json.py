@@ -98,7 +98,7 @@ def with_mapping(case: Case, mapping: Any) -> Case:
         It is no mapping.
     """
     if mapping is None:
-        return dataclasses.replace(case, inputs={}, input_variables={}, products={}, linear=(), outputs={})
+        return dataclasses.replace(case, inputs={}, input_variables={}, products={}, linear=(), jumping=(), outputs={})
     inputs, outputs = _texts(mapping, "inputs"), _texts(mapping, "outputs")
     kept = {name: variable for name, variable in case.input_variables.items() if name in inputs}
     return dataclasses.replace(
@@ -107,6 +107,7 @@ def with_mapping(case: Case, mapping: Any) -> Case:
         input_variables=kept,
         products={name: column for name, column in case.products.items() if name in inputs},
         linear=tuple(name for name in case.linear if name in inputs),
+        jumping=tuple(name for name in case.jumping if name in inputs),
         held=tuple(name for name in case.held if name in inputs),
         outputs={
             name: dataclasses.replace(case.outputs.get(name) or OutputSpec(column), column=column)

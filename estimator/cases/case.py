@@ -16,7 +16,10 @@ from typing import Any
 
 from estimator.cases import keys
 from estimator.cases.case_signals import (
+    HELD,
     INPUT,
+    JUMPING,
+    LINEAR,
     OUTPUT,
     RECORDING,
     OutputSpec,
@@ -101,6 +104,7 @@ class Case(Locked):
     input_variables: Mapping[str, str] = field(default_factory=dict)  # input → variable of the FMU, if not its name
     products: Mapping[str, str] = field(default_factory=dict)  # input → column that its own is multiplied with
     linear: tuple[str, ...] = ()  # inputs that go linearly from row to row
+    jumping: tuple[str, ...] = ()  # those of them that stand where they are until the row at which they jump
     held: tuple[str, ...] = ()  # inputs that are said to be held from row to row, as all others are that are not linear
     outputs: Mapping[str, OutputSpec] = field(default_factory=dict)  # FMU output → column; empty: usual names
     parameters: Mapping[str, ParameterSpec] = field(default_factory=dict)  # empty: what the FMU offers
@@ -193,8 +197,9 @@ def _case(
         inputs={name: spec.column for name, spec in inputs.items()},
         input_variables={name: spec.fmu for name, spec in inputs.items() if spec.fmu},
         products={name: spec.times for name, spec in inputs.items() if spec.times},
-        linear=tuple(name for name, spec in inputs.items() if spec.between == "linear"),
-        held=tuple(name for name, spec in inputs.items() if spec.between == "held"),
+        linear=tuple(name for name, spec in inputs.items() if spec.between in (LINEAR, JUMPING)),
+        jumping=tuple(name for name, spec in inputs.items() if spec.between == JUMPING),
+        held=tuple(name for name, spec in inputs.items() if spec.between == HELD),
         outputs={name: read_output(top.table("outputs"), name) for name in top.table("outputs").keys},
         parameters=parameters,
         fixed={name: _held(fixed, name) for name in fixed.keys if not _is_text(fixed.value[name])},

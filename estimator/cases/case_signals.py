@@ -26,7 +26,8 @@ from estimator.recordings.filters import (
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 
 SENSORS = ("auto", "identity", "mean")
-BETWEEN = ("found", "held", "linear")
+HELD, LINEAR, JUMPING = "held", "linear", "linear between jumps"
+BETWEEN = ("found", HELD, LINEAR, JUMPING)
 MAX_AVERAGE = 256  # as in sensors.h
 REST, SETTLED, GIVEN = BEGINS = ("rest", "settled", "given")  # how a simulation begins
 

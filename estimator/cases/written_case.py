@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator.cases.case import PARAMETER, SEARCH, Case, SearchSpec, is_file_name
-from estimator.cases.case_signals import InputSpec, input_value, output_value, run_value
+from estimator.cases.case_signals import HELD, JUMPING, LINEAR, InputSpec, input_value, output_value, run_value
 from estimator.cases.expectation import ENTRY, LIMITS
 from estimator.cases.nameplate import nameplate_value
 from estimator.cases.strict_toml import to_key, to_toml
@@ -59,11 +59,12 @@ def _near(search: SearchSpec, folder: Path) -> SearchSpec:
 
 
 def _input(case: Case, name: str) -> InputSpec:
+    ways = ((JUMPING, case.jumping), (LINEAR, case.linear), (HELD, case.held))
     return InputSpec(
         column=case.inputs[name],
         fmu=case.input_variables.get(name, ""),
         times=case.products.get(name, ""),
-        between="linear" if name in case.linear else "held" if name in case.held else "found",
+        between=next((way for way, names in ways if name in names), "found"),
     )
 
 

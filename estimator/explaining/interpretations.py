@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.cases.case_signals import HELD, JUMPING, LINEAR
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.repeated_rows import repeated_rows, written_once
-from estimator.recordings.smooth_inputs import moves_smoothly
+from estimator.recordings.smooth_inputs import jumps
 
 FloatArray = NDArray[np.float64]
 
@@ -53,8 +54,13 @@ def inputs_between(plan: Plan) -> tuple[str, ...]:
     open_ones = [n for n in plan.observed[0].inputs if n not in (*plan.case.linear, *plan.case.held)]
     if plan.binding.is_motor:
         observed = [o for o in plan.observed if o.is_measured]
-        return tuple(n for n in open_ones if any(moves_smoothly(o.inputs[n]) for o in observed))
+        return tuple(n for n in open_ones if any(_goes_on(o.inputs[n]) for o in observed))
     return tuple(n for n in open_ones if any(_moves(o.inputs[n]) for o in plan.observed))
+
+
+def _goes_on(v: FloatArray) -> bool:
+    """Whether an input, (n,), moves smoothly, but for a few jumps."""
+    return bool(np.any((np.diff(v) != 0) & ~jumps(v)[1:]))
 
 
 def _moves(u: FloatArray) -> bool:
@@ -67,15 +73,21 @@ def _between_rows(plan: Plan) -> tuple[Interpretation, ...]:
     moving = inputs_between(plan)
     if not moving:
         return ()
-    on_lines = dataclasses.replace(plan, case=dataclasses.replace(plan.case, linear=(*plan.case.linear, *moving)))
-    remedy = 'say which it is, between = "held" or "linear" under [inputs]'
+    is_motor, case = plan.binding.is_motor, plan.case
+    jumping = tuple(n for n in moving if is_motor and any(jumps(o.inputs[n]).any() for o in plan.observed))
+    case = dataclasses.replace(case, linear=(*case.linear, *moving), jumping=(*case.jumping, *jumping))
+    observed = [
+        dataclasses.replace(o, jumps={**o.jumps, **{n: jumps(o.inputs[n]) for n in jumping}}) for o in plan.observed
+    ]
+    on_lines = dataclasses.replace(plan, case=case, observed=tuple(observed))
+    remedy = f'say which it is, between = "{HELD}" or "{JUMPING if jumping else LINEAR}" under [inputs]'
     names = ", ".join(moving)
     return tuple(
         Interpretation(
             p, "inputs between the rows", f"{names} {way} from row to row",
             f"between the rows: {names} {way}, which explains the recording better", remedy,
         )
-        for p, way in ((plan, "held"), (on_lines, "on a line"))
+        for p, way in ((plan, "held"), (on_lines, "on a line between its jumps" if jumping else "on a line"))
     )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ from estimator.stepping.layout import types_of
 ON_LINES = 8  # communication steps a row, where an input goes on lines and the FMU takes its mean over each
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 
 def job_of(plan: Plan, values: CandidateValues, *, sigma: Mapping[str, float]) -> Job:
@@ -67,6 +68,8 @@ def _experiment(plan: Plan, observed: Observed, sigma: Mapping[str, float]) -> E
     at_rest = np.column_stack(still) if still else np.empty((observed.rest, 0))
     if observed.before:
         inputs = np.concatenate([at_rest, np.repeat(inputs[:1], observed.lead, axis=0), inputs])
+    jumped = [observed.jumps.get(name, np.zeros(len(own[0]), dtype=bool)) for name in observed.inputs]
+    ends = _ends(inputs, np.column_stack(jumped)) if any(map(np.any, jumped)) else None
     start = plan.description.default_experiment["start_time"] or 0.0
     times = None
     if not recording.even or observed.taken is not None:
@@ -82,7 +85,17 @@ def _experiment(plan: Plan, observed: Observed, sigma: Mapping[str, float]) -> E
         weights=np.array([1 / sigma[y] ** 2 for y in plan.outputs]),
         chains=_chains(plan, recording.step),
         times=times,
+        ends=ends,
     )
+
+
+def _ends(inputs: FloatArray, jumped: BoolArray) -> FloatArray:
+    """Return where inputs, (before + n, inputs), end: where the next row is, unless they jump there, (n, inputs)."""
+    jumps = np.zeros(inputs.shape, dtype=bool)
+    jumps[len(inputs) - len(jumped) :] = jumped
+    ends = inputs.copy()
+    ends[:-1] = np.where(jumps[1:], inputs[:-1], inputs[1:])
+    return ends
 
 
 def _own_unit(plan: Plan, name: str, signal: FloatArray) -> FloatArray:

@@ -34,6 +34,8 @@ class Experiment:
     chains : of each output (samples averaged, filter sections b0 b1 b2 a1 a2), or empty
     times : (n,) array, s, or None
         Increasing, from `start`; None: equidistant.
+    ends : (n, inputs) array, or None
+        Where inputs that go linearly end just before the next row; None: where they are there.
     """
 
     start: float
@@ -44,6 +46,7 @@ class Experiment:
     weights: FloatArray
     chains: tuple[tuple[int, tuple[tuple[float, ...], ...]], ...] = ()
     times: FloatArray | None = None
+    ends: FloatArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,6 +169,6 @@ def _are_same(some: dict[str, FloatArray], others: dict[str, FloatArray]) -> boo
 
 def _numbers(experiment: Experiment) -> Iterator[tuple[str, FloatArray]]:
     """Yield the arrays that a worker reads, by name."""
-    for name in ("inputs", "measured", "weights", "times"):
+    for name in ("inputs", "measured", "weights", "times", "ends"):
         if (numbers := getattr(experiment, name)) is not None:
             yield name, numbers

@@ -22,7 +22,7 @@ from estimator.recordings.recording import MIN_SAMPLES, Recording
 from estimator.recordings.samples import filled, median
 from estimator.recordings.sensors import Section, Sensor
 from estimator.recordings.signal_noise import input_noise, noise_deviation
-from estimator.recordings.smooth_inputs import moves_smoothly
+from estimator.recordings.smooth_inputs import jumps, moves_smoothly
 from estimator.recordings.turns import OVERFLOW, counted_on, is_countable, starts_again, with_turns
 
 FloatArray = NDArray[np.float64]
@@ -70,6 +70,7 @@ def observe(binding: Binding, channels: Channels, recording: Recording, run: Run
     found = Observed(
         recording, driven, measured, excitation, 0, delay, notes=tuple(told), has_phase=has_phase, rest=rest,
         at_rest=run.begin == REST, early=early, is_underway=is_underway,
+        jumps={name: jumps(driven[name]) for name in binding.case.jumping},
     )  # fmt: skip
     if begin in (GIVEN, REST):  # nothing to run in, and the way from there is a response
         by_itself = run.begin == GIVEN or not (run.begin or is_motor)  # a motor at zero does not move without its input

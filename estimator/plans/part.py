@@ -38,6 +38,7 @@ def _part(o: Observed) -> Observed:
         inputs={name: u[:n].copy() for name, u in o.inputs.items()},
         outputs={name: y[:n].copy() for name, y in o.outputs.items()},
         lead=min(o.lead, n),
+        jumps={name: jumped[:n] for name, jumped in o.jumps.items()},
     )
 
 

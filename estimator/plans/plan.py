@@ -22,6 +22,7 @@ from estimator.recordings.signal_noise import is_measured
 from estimator.recordings.understood import Understood
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 PLAINLY = 0.2  # of the largest voltage: one that drives the motor, and how far apart two levels are
 
@@ -60,6 +61,8 @@ class Observed:
         The first row may lie within a response to what came before: its speed and current are estimated from the start.
     is_quiet : bool
         The voltage was measured, and what does not reach the motor of it, its sensor's noise, is left out.
+    jumps : FMU input → (n,) array of bool
+        Rows at which an input that goes on lines else has jumped, and stood before as in the row before.
     """
 
     recording: Recording
@@ -79,6 +82,7 @@ class Observed:
     is_underway: bool = False
     is_quiet: bool = False
     early: float = 0.0
+    jumps: Mapping[str, BoolArray] = field(default_factory=dict)
 
     @cached_property
     def is_measured(self) -> bool:

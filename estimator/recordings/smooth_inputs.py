@@ -11,8 +11,13 @@ from estimator.recordings.samples import told_once
 from estimator.recordings.signal_noise import row_by_row
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 LIKE_THE_LAST = 0.5  # correlation of each change with the one before, at least
+JUMPED = 4.0  # times the changes beside it: more does no input that moves smoothly
+NO_NOISE = 10.0  # times the noise: seven deviations of a change
+SELDOM = 0.05  # of the rows: jumps are no more
+MOVED = 36.0  # times the noise's variance and the root of the rows: six deviations of what noise alone would show
 WINDOWS, CUBIC = (5, 7, 11, 15, 21, 31, 43, 61, 87, 123, 175, 247, 351, 497), 3  # rows of a local polynomial
 AGREED = 2.5  # deviations of what each number of them tells
 CORNERS = 0.05  # of the rows
@@ -21,10 +26,39 @@ CORNERS = 0.05  # of the rows
 @told_once
 def moves_smoothly(v: FloatArray) -> bool:
     """Whether an input, (n,), goes on as it went, beside its noise: no levels, whose edges are each a change alone."""
-    change, noise = np.diff(v), row_by_row(v) ** 2
-    turn = np.diff(change)
-    moved, turned = float(change @ change) - 2 * noise * len(change), float(turn @ turn) - 6 * noise * len(turn)
+    moved, turned = _moves_and_turns(v, np.zeros(len(v), dtype=bool))
     return moved > 0 and turned < 2 * (1 - LIKE_THE_LAST) * moved
+
+
+@told_once
+def jumps(v: FloatArray) -> BoolArray:
+    """Return the rows, (n,), at which an input jumps that moves smoothly else: by far more than before and after.
+
+    None where it moves smoothly all the time; all at which it changes where it goes from level to level.
+    """
+    jumped = np.zeros(len(v), dtype=bool)
+    if moves_smoothly(v):
+        return jumped
+    size = np.abs(np.diff(v))
+    beside = np.maximum(np.append(0.0, size[:-1]), np.append(size[1:], 0.0))
+    jumped[1:] = size > np.maximum(JUMPED * beside, NO_NOISE * row_by_row(v))
+    moved, turned = _moves_and_turns(v, jumped)
+    if (
+        np.mean(jumped) > SELDOM
+        or moved < MOVED * row_by_row(v) ** 2 * np.sqrt(len(v))
+        or turned > 2 * (1 - LIKE_THE_LAST) * moved
+    ):
+        jumped[1:] = size > 0
+    return jumped
+
+
+def _moves_and_turns(v: FloatArray, jumped: BoolArray) -> tuple[float, float]:
+    """Return the sums of squared changes of an input, and of their changes, without noise and without its jumps."""
+    goes, noise = ~jumped[1:], row_by_row(v) ** 2
+    change = np.diff(v)
+    turn = np.diff(change)[goes[1:] & goes[:-1]]
+    change = change[goes]
+    return float(change @ change) - 2 * noise * len(change), float(turn @ turn) - 6 * noise * len(turn)
 
 
 class Smoothed(NamedTuple):

@@ -253,6 +253,7 @@ class FmuInstance:
                     int(e.complete),
                     self._chains(e),
                     None if e.times is None else memory + e.times,
+                    None if e.ends is None else memory + e.ends,
                 )
                 for e in job.experiments
             )

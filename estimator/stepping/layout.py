@@ -29,6 +29,7 @@ class ExperimentLayout:
     complete: bool
     chains: tuple[tuple[int, tuple[tuple[float, ...], ...]], ...] = ()  # of each output: average, filter sections
     times: int | None = None  # bytes into the job's memory; None: equidistant
+    ends: int | None = None  # of inputs that go linearly, before the next row; None: what they are there
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,6 +18,7 @@ def reference_trajectories(
     values: Sequence[float],
     experiment: int,
     inputs: Sequence[Sequence[float]],
+    ends: Sequence[Sequence[float]] | None = None,
     times: Sequence[float] | None = None,
     refine: int = 1,
 ) -> list[list[float]]:
@@ -28,6 +29,7 @@ def reference_trajectories(
     values : (p,) the FMU's parameters, in its units, then the sensors' values
     experiment : index of the recording
     inputs : (n, inputs)
+    ends : (n, inputs) where inputs that go linearly end before the next row; None: where they are there
     times : (n,) s; None: equidistant
     refine : communication steps are this many times finer
 
@@ -75,7 +77,7 @@ def reference_trajectories(
                 if equidistant and not inside:
                     now, length = recording.start + (k * steps + s) * h, h
                 if driven:
-                    fmu.set(driven, _means(layout, acting, inputs, now, now + length))
+                    fmu.set(driven, _means(layout, acting, (inputs, ends or inputs[1:]), now, now + length))
                 fmu.step(now, length)
             read(right)
     shown = [_sensor(layout, recording, chain, j) for j in range(len(outputs))]
@@ -96,15 +98,19 @@ def _apart(instants: list[float], begin: float, least: float) -> list[float]:
 
 
 def _means(
-    layout: JobLayout, acting: Sequence[float], inputs: Sequence[Sequence[float]], left: float, right: float
+    layout: JobLayout,
+    acting: Sequence[float],
+    inputs: tuple[Sequence[Sequence[float]], Sequence[Sequence[float]]],
+    left: float,
+    right: float,
 ) -> list[float]:
-    """Return the mean of every input between two instants, by Simpson's rule over its pieces (exact for lines)."""
+    """Return the mean of every input, from each row and to its end, between two instants: exact for lines."""
     tiny = 1e-9 * (right - left)
     cuts = [left, *(t for t in acting if left + tiny < t < right - tiny), right]
     result = []
-    for j in range(len(inputs[0])):
+    for j in range(len(inputs[0][0])):
         linear = bool(layout.linear) and layout.linear[j]
-        column = [row[j] for row in inputs]
+        column, ends = ([row[j] for row in rows] for rows in inputs)
         total = 0.0
         for a, b in pairwise(cuts):
             middle = (a + b) / 2
@@ -112,7 +118,7 @@ def _means(
             value = column[max(row, 0)]
             if linear and 0 <= row < len(column) - 1:
                 share = (middle - acting[row]) / (acting[row + 1] - acting[row])
-                value = (1 - share) * value + share * column[row + 1]
+                value = (1 - share) * value + share * ends[row]
             total += value * ((b - a) / (right - left))
         result.append(total)
     return result

@@ -97,6 +97,7 @@ typedef struct {
     int64_t complete;          /* no sample is left out */
     const Chain *chains;       /* [outputs], or NULL: sensors show the outputs as they are */
     const double *times;       /* [n] s, increasing from `start`; NULL: equidistant */
+    const double *ends;        /* [n][inputs]: where one that goes linearly ends before the next row; NULL: there */
 } Experiment;
 
 typedef struct {

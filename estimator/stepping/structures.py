@@ -175,6 +175,7 @@ class ExperimentStruct(ctypes.Structure):
         ("complete", c_int64),
         ("chains", c_void_p),
         ("times", c_void_p),
+        ("ends", c_void_p),
     ]
 
 

@@ -56,6 +56,13 @@ static inline int goes_linearly(const Timed *t, size_t input) {
     return t->run->job->linear != NULL && t->run->job->linear[input];
 }
 
+/* Where an input that goes linearly is just before the next row, which is none of the last. */
+static inline double ends_at(const Timed *t, int64_t row, size_t input) {
+    const Experiment *experiment = t->run->experiment;
+    if (experiment->ends != NULL) return experiment->ends[(size_t)row * t->inputs + input];
+    return experiment->inputs[(size_t)(row + 1) * t->inputs + input];
+}
+
 /* Whether anything changes where a row begins to act. */
 static int is_change(const Timed *t, int64_t row) {
     const double *now = t->run->experiment->inputs + (size_t)row * t->inputs;
@@ -105,7 +112,7 @@ static void input_means(const Timed *t, double from, double to, double *means) {
             double value = now[j];
             if (goes_linearly(t, j) && row >= 0 && row < last) {
                 const double begin = acts_from(t, row);
-                value += (middle - begin) / (acts_from(t, row + 1) - begin) * (now[t->inputs + j] - value);
+                value += (middle - begin) / (acts_from(t, row + 1) - begin) * (ends_at(t, row, j) - value);
             }
             if (first && right >= to) means[j] = value;
             else means[j] += value * (right - left) / (to - from);
@@ -135,7 +142,7 @@ static fmi2Status tell_slopes(const Timed *t, double from, double to, const doub
         slope[count] = 0.0;
         if (row >= 0 && row + 1 < t->samples) {
             const double *now = rows + (size_t)row * t->inputs + j;
-            slope[count] = (now[t->inputs] - *now) / (acts_from(t, row + 1) - acts_from(t, row));
+            slope[count] = (ends_at(t, row, j) - *now) / (acts_from(t, row + 1) - acts_from(t, row));
         }
         begin[j] -= 0.5 * slope[count] * (to - from);
         told[count] = references[j];

@@ -238,14 +238,17 @@ class Worker:
         def numbers(offset: int, count: int) -> list[float]:
             return list((ctypes.c_double * count).from_address(self._numbers_address + offset))
 
-        flat = numbers(experiment.inputs, experiment.samples * columns)
-        inputs = [flat[k * columns : (k + 1) * columns] for k in range(experiment.samples)]
+        def rows(offset: int) -> list[list[float]]:
+            flat = numbers(offset, experiment.samples * columns)
+            return [flat[k * columns : (k + 1) * columns] for k in range(experiment.samples)]
+
         times = None if experiment.times is None else numbers(experiment.times, experiment.samples)
         return reference_trajectories(
             self.loaded,
             values=order["values"],
             experiment=order["experiment"],
-            inputs=inputs,
+            inputs=rows(experiment.inputs),
+            ends=None if experiment.ends is None else rows(experiment.ends),
             times=times,
             refine=order["refine"],
         )

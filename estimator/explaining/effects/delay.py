@@ -51,10 +51,10 @@ class Delay(Effect):
     def doubted(self, name: str, value: float, plan: Plan) -> str:
         """Say that no motor responds before its input: the clock is wrong, or another effect is taken for a delay.
 
-        A measured voltage shows a change in the row behind it, up to a row late; one on lines shows where it is. Behind
-        a gap it changed in the gap.
+        A measured voltage shows a change in the row behind it, up to a row late; one on lines, without jumps,
+        shows where it is. Behind a gap it changed in the gap.
         """
-        measured = any(o.is_measured for o in plan.observed) and not plan.case.linear
+        measured = any(o.is_measured and (o.jumps or not plan.case.linear) for o in plan.observed)
         early = plan.observed[per_recording(plan, self.name).index(name)].early
         if value < -early - (EARLY + measured) * plan.shortest_step:
             return (
