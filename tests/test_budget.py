@@ -31,6 +31,7 @@ GIVEN = {
     "brush drop": "0.105 V (k=1)",
     "dry friction": "10 % (k=1)",
     "temperature": "5 K (k=1)",
+    "clock": "1 % (k=1)",
 }
 R, K, L, J, B = CML050.parameters.values()
 NOISE = (0.02, 1.0)
@@ -60,6 +61,7 @@ def relative(estimate, source):
         ("supply resistance", [0.05 / 3**0.5 / R, 0, 0, 0, 0]),
         ("brush drop", [0.105 / 10.5] * 5),  # of one level: the voltage less a constant
         ("temperature", [0.00393 * 5, 0, 0, 0, 0]),
+        ("clock", [0, 0, U, U, 0]),  # L i' and J w' by intervals (1 + c)
     ],
 )
 def test_the_part_of_each_source_is_its_closed_form(made, source, expected):

@@ -19,11 +19,13 @@ if TYPE_CHECKING:
     from estimator.cases.strict_toml import Table
 
 GAIN = " gain"  # "i gain", "v gain": of any output or input
+CLOCK = "clock"  # a crystal's is too small to be offered
 SOURCES: Mapping[str, tuple[str, ...]] = {  # what it is given in, the usual first
     "supply resistance": ("resistance",),
     "brush drop": ("voltage",),
     "dry friction": ("ratio", "torque"),  # of the viscous friction at the highest speed, or N.m
     "temperature": ("temperature",),
+    CLOCK: ("ratio",),
 }
 LARGEST_SHARE = 0.2  # of a gain, as a bare number: percent are meant
 EXAMPLES = {"resistance": "0.05 Ohm", "voltage": "0.5 V", "ratio": "1 %", "temperature": "5 K"}
@@ -47,7 +49,7 @@ TOLERANCE: Mapping[str, Any] = {  # what a JSON Schema says of the key
             "type": "object",
             "properties": {
                 DEFAULT: {"const": True, "description": "the set that is offered, besides"},
-                **dict.fromkeys(OFFERED, _SIZE),
+                **dict.fromkeys((*OFFERED, CLOCK), _SIZE),
             },
             "patternProperties": {f".{GAIN}$": _SIZE},
             "additionalProperties": False,

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.cases.tolerance import Tolerance
+from estimator.cases.tolerance import CLOCK, Tolerance
 from estimator.conventions import TOLD_POWER
 from estimator.errors import CaseError, suggestion
 from estimator.fitting.fit import Fit, new_fit
@@ -153,6 +153,8 @@ def _column(fit: Fit, tolerance: Tolerance) -> FloatArray:
         j = s.outputs.index(tolerance.signal)
         column[:, j] = u * fit.shown[:, j]
         return column
+    if source == CLOCK:
+        return _by_clock(fit, u)
     if tolerance.signal:  # shown too large, as an output: what drives the model is less
         return _driven(fit, tolerance.signal, -u * s.inputs(tolerance.signal))
     if source == "temperature" or (source == "supply resistance" and (_resistances(plan) or "R" in plan.fixed)):
@@ -192,6 +194,25 @@ def _driven(fit: Fit, name: str, more: FloatArray) -> FloatArray:
         Simulator(plan(sign), s.nuisances, s.crew, s.sigma).shown(fit.values[None, :])[0] for sign in (1, -1)
     )
     return np.asarray((ahead - behind) / 2)
+
+
+def _by_clock(fit: Fit, more: float) -> FloatArray:
+    """Return the change of the sensors' signals, (rows, q), by a clock that shows intervals too long by a share."""
+    s = fit.simulator
+
+    def slower(share: float) -> Simulator:
+        case, observed = s.plan.case, []
+        for o in s.plan.observed:
+            own, taken = o.recording, o.taken
+            recording = dataclasses.replace(own, time=own.time * share, step=own.step * share)
+            taken = None if taken is None else taken * share
+            observed.append(dataclasses.replace(o, recording=recording, taken=taken))
+        case = case if case.step is None else dataclasses.replace(case, step=case.step * share)
+        plan = dataclasses.replace(s.plan, case=case, observed=tuple(observed))
+        return Simulator(plan, s.nuisances, s.crew, s.sigma)
+
+    shorter, longer = (slower(1 + sign * more).shown(fit.values[None, :])[0] for sign in (-1, 1))
+    return np.asarray((shorter - longer) / 2)
 
 
 def _more_resistance(fit: Fit, more: Callable[[float, int | None], float]) -> FloatArray:
