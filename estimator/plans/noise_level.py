@@ -54,17 +54,9 @@ def _smoothing(chain: ChainSpec, step: float) -> float:
 
 def _noise(o: Observed, name: str) -> float:
     """Return the deviation of an output's noise: at rest before the step, where it is coloured, or differences."""
-    known = _at_rest(o, o.outputs[name])
+    known = o.resting(name)
     fast = noise_deviation(o.outputs[name])
     if len(known) < REST_SAMPLES:
         return fast
     slow = median(np.abs(known - median(known))) / MEDIAN_SIZE
     return slow if fast < slow < REST_LIMIT * fast else fast
-
-
-def _at_rest(o: Observed, y: FloatArray) -> FloatArray:
-    """Return the samples of a signal that are there before the first voltage, (n,); none of a machine that turns."""
-    if o.excitation.kind == "none" or o.excitation.running:
-        return np.zeros(0)
-    rest = y[: o.excitation.index]
-    return rest[~np.isnan(rest)]

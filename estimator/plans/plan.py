@@ -110,6 +110,16 @@ class Observed:
         rows = np.column_stack(list(self.outputs.values()))
         return np.concatenate([np.full((self.before, rows.shape[1]), np.nan), rows]) if self.before else rows
 
+    def resting(self, output: str, *, without: int = 0) -> FloatArray:
+        """Return an output's samples before the first voltage, (n,), but for the last `without` rows of them.
+
+        None of a machine that turns already.
+        """
+        if self.excitation.kind == "none" or self.excitation.running or self.excitation.before != 0:
+            return np.zeros(0)
+        y = self.outputs[output][: max(0, self.excitation.index - without)]
+        return y[~np.isnan(y)]
+
     def in_time(self) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
         """Return inputs and outputs, (n − d,) each, as if there were no delay, of d samples."""
         late = round(self.delay / self.recording.step)

@@ -90,10 +90,7 @@ class Offset(Effect):
 
 def _stays_off_zero(o: Observed, output: str) -> bool:
     """Whether a recording shows an output off zero, by as much in both halves of its rows before the first voltage."""
-    if o.excitation.kind == "none" or o.excitation.running or o.excitation.before != 0:
-        return False
-    y = o.outputs[output][: o.excitation.index]
-    y = y[~np.isnan(y)]
+    y = o.resting(output)
     if len(y) < REST:
         return False
     error = float(np.std(y) / np.sqrt(len(y)))

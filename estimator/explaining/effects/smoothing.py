@@ -16,7 +16,7 @@ from estimator.explaining.effects.average import mean_of_last
 from estimator.explaining.effects.base import Effect
 from estimator.explaining.effects.low_pass import FORMS
 from estimator.fitting.simulator import Nuisance
-from estimator.plans.plan import ChainSpec, Observed, Plan
+from estimator.plans.plan import ChainSpec, Plan
 from estimator.recordings.smoothed_noise import LONGEST, samples_of_mean
 
 FloatArray = NDArray[np.float64]
@@ -43,7 +43,7 @@ class Smoothing(Effect):
         """Return what the noise at rest shows, where nothing of an output is declared."""
         if any(y == "angle" or not plan.chains.get(y, ChainSpec()).is_plain for y in plan.outputs):
             return []
-        shown = {y: {samples_of_mean(_at_rest(o, y)) for o in plan.observed} for y in plan.outputs}
+        shown = {y: {samples_of_mean(o.resting(y, without=LONGEST // 2)) for o in plan.observed} for y in plan.outputs}
         lengths = {y: found.pop() if len(found) == 1 else 1 for y, found in shown.items()}
         n = next(iter(lengths.values()))
         if len(lengths) > 1 and n > 1 and set(lengths.values()) == {n}:
@@ -66,14 +66,3 @@ class Smoothing(Effect):
         which = "all signals" if name in (LAST, ABOUT) else name.rpartition(" ")[2]
         many = f"the last {value:.0f} samples" if name == LAST else f"{value:.0f} samples, as many before it as behind"
         return f"each sample of {which} is a mean over {many}"
-
-
-def _at_rest(o: Observed, output: str) -> FloatArray:
-    """Return the samples of an output before the first voltage, (n,), that hold nothing of what follows in a mean.
-
-    None of a motor that runs already.
-    """
-    if o.excitation.kind == "none" or o.excitation.running or o.excitation.before != 0:
-        return np.zeros(0)
-    y = o.outputs[output][: max(0, o.excitation.index - LONGEST // 2)]
-    return y[~np.isnan(y)]
