@@ -72,6 +72,7 @@ ROUNDS = 20  # of additions accepted or rejected, at most
 REFITTED = 3  # additions refitted in a round
 PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less an addition is not refitted
 MOST_OF_IT = 0.5  # of what is missed beyond the noise: what explains more is added before all else
+AS_MUCH = 0.9  # of what the best explains: another that does may be the right one, before what is beside it is known
 FIRST_ORDER = 0.1  # of it: a long delay or filter explains to first order a small part of what it does when fitted,
 NEARLY_ALL = 0.8  # and is added before all else where that is so much of what is missed
 RESHAPED = 2  # times that all columns are tried in other forms, at most
@@ -162,7 +163,7 @@ class Selection:
 
     def _with_effects(self, best: Explanation, *, sharp: bool) -> Explanation:
         """Return the explanation with its noise and its effects; `sharp`: look for these before coloured noise."""
-        best = self.grown(best, self.effects, renew=False, share=MOST_OF_IT)
+        best = self._mostly_explained(best)
         lines = [e for e in self.effects if e.is_line]
         best = self.grown(best, lines, renew=False)  # before the noise, which would contain them
         if find_windows(best.fit).enough:
@@ -181,6 +182,23 @@ class Selection:
                 break
             best = with_noise(best, self.differenced)
         return best
+
+    def _mostly_explained(self, begun: Explanation) -> Explanation:
+        """Return an explanation with what explains most of what it misses, by the better of two first steps.
+
+        Two effects may each explain nearly as much, such as a load and a dry friction, as long as what is beside them
+        is not known. With that only the right one explains all, and from the other nothing leads back.
+        """
+        found = self._best_additions(begun, self.effects, set(), MOST_OF_IT)
+        ways = found[:1]
+        for fall, other in found[1:]:
+            one, two = found[0][1].additions[-1], other.additions[-1]
+            alike = one.effect is two.effect or (is_timing(one) and is_timing(two))  # those are rivals later
+            if not alike and fall > AS_MUCH * found[0][0]:
+                ways = [*ways, (fall, other)]
+                break
+        grown = [self.grown(way, self.effects, renew=False, share=MOST_OF_IT) for _, way in ways]
+        return min(grown, key=lambda e: e.criterion(self.tests.samples), default=begun)
 
     def reshaped(self, explanation: Explanation, *, colour: bool = True) -> Explanation:
         """Return an explanation whose columns have the forms that explain most, each by its own noise.
@@ -293,10 +311,19 @@ class Selection:
         self, explanation: Explanation, effects: Sequence[Effect], rejected: set[str], share: float = 0.0
     ) -> Explanation | None:
         """Return the explanation with the addition that lowers the criterion most; None if none does."""
+        return next((e for _, e in self._best_additions(explanation, effects, rejected, share)), None)
+
+    def _best_additions(
+        self, explanation: Explanation, effects: Sequence[Effect], rejected: set[str], share: float
+    ) -> list[tuple[float, Explanation]]:
+        """Return by how much additions lower the criterion, and the explanations with them, the best first.
+
+        The others are fitted as far as they might have been the best.
+        """
         n, excess = self.tests.samples, explanation.excess(self.tests.samples)
         least = share * (explanation.fit.cost - n)
         if share and (least < share * n or is_held(explanation.fit)):
-            return None
+            return []
         missed = explanation.fit.missed_by_output() if excess > MISSED else None
 
         def worth(a: Addition) -> float:
@@ -310,20 +337,21 @@ class Selection:
             likely = [a for a in ranked if a.gain > worth(a)]
             late = [a for a in ranked if share and is_timing(a) and worth(a) >= a.gain > FIRST_ORDER * least]
             if not likely and not late:
-                return None
+                return []
             most = likely[0].gain - excess * likely[0].penalty(n) if likely else 0.0
             best_few = [a for a in likely[:REFITTED] if a.gain - excess * a.penalty(n) > PREDICTED_PART * most]
-            best, fall = None, 0.0
+            found: list[tuple[float, Explanation]] = []
             for a in (*best_few, *of_same_channel(explanation.fit.simulator, best_few, likely), *late):
                 wanted = NEARLY_ALL * (explanation.fit.cost - n) if a in late else worth(a)
                 least_cost = explanation.fit.cost - max(excess * a.penalty(n), wanted)
-                found = self.added(explanation, a, limit=least_cost - fall)
-                if least_cost - found.fit.cost > fall and is_physical(found.fit, a, before=explanation.fit):
-                    best, fall = found, least_cost - found.fit.cost
-            if best is not None:
-                return self._in_company(best, ranked, explanation) or best
+                with_it = self.added(explanation, a, limit=least_cost - max((fall for fall, _ in found), default=0.0))
+                if with_it.fit.cost < least_cost and is_physical(with_it.fit, a, before=explanation.fit):
+                    found.append((least_cost - with_it.fit.cost, with_it))
+            if found:
+                (fall, best), *others = sorted(found, key=lambda f: -f[0])
+                return [(fall, self._in_company(best, ranked, explanation) or best), *others]
             if not best_few:
-                return None
+                return []
             rejected |= {a.name for a in best_few}
 
     def _in_company(self, found: Explanation, ranked: Sequence[Addition], before: Explanation) -> Explanation | None:
