@@ -169,7 +169,8 @@ class Selection:
         if find_windows(best.fit).enough:
             if sharp:
                 best = with_noise(best, self.differenced, colour=False)
-                best = self.grown(best, [e for e in self.effects if e.sharp], colour=False)
+                is_rough = best.excess(self.tests.samples) > MISSED
+                best = self.grown(best, [e for e in self.effects if e.sharp or (is_rough and e.fmu)], colour=False)
                 best = self.retimed(best, colour=False)
         else:  # a noise from residuals would contain missing effects: neighbours tell it first
             best = with_noise_of_neighbours(best, self.differenced)

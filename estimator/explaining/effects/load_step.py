@@ -14,7 +14,7 @@ from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.explaining.effects.machine_effects import usual_friction
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.latency import edges_of
-from estimator.fitting.motor_response import motor_values, response
+from estimator.fitting.motor_response import motor_values, response, speed_of
 from estimator.fitting.simulator import per_recording
 from estimator.fitting.windows import find_windows
 from estimator.motor.state_space import poles
@@ -30,6 +30,7 @@ PROMISING = 10.0  # of z'z: what lowers it by less is not looked for between the
 WANDERS = 0.2  # of the usual friction: it changes by less by itself
 RESPONSE = 3.0  # time constants of the motor in which a response has come by 95 %
 ENOUGH = 0.2  # of the rows: fewer settled ones are a signal's that has no levels
+STANDS = 0.01  # of the largest speed: below it stands
 FURTHEST = 20  # rows by which an instant is moved at a time
 
 
@@ -108,7 +109,8 @@ def _between_changes(fit: Fit, clock: Clock, v: FloatArray) -> NDArray[np.int64]
     """Return rows of a recording in which a load may change.
 
     None of a transient is, nor one whose own response the next change of the voltage cuts short: what changes as the
-    voltage does is the drive's, or friction of another law. Of a signal without levels any may be.
+    voltage does is the drive's, or friction of another law. Of a signal without levels any may be. None is where the
+    motor stands: friction holds it then, and what acts from its first motion on is friction.
     """
     windows, values = find_windows(fit), motor_values(fit)
     assert values is not None
@@ -119,6 +121,9 @@ def _between_changes(fit: Fit, clock: Clock, v: FloatArray) -> NDArray[np.int64]
         free[max(0, edge - math.ceil(RESPONSE * slowest / clock.step)) : edge] = False
     if np.count_nonzero(free) < ENOUGH * len(free):
         free = ~windows.sharp[clock.rows]
+    w = speed_of(fit, fit.shown)
+    assert w is not None  # asked of a fit that has it
+    free &= np.abs(w[clock.rows]) > STANDS * np.max(np.abs(w))
     return np.flatnonzero(free)[1:-1]
 
 
