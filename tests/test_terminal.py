@@ -9,6 +9,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -195,3 +196,14 @@ def test_on_a_full_disk_the_numbers_are_kept_and_the_whole_answer_is_on_the_term
 def said(terminal: Terminal) -> str:
     """Return what a command that could not write its files said, in one line."""
     return " ".join(check(terminal.run(), status=2).text.split())
+
+
+def test_what_lies_beside_a_recording_is_not_run(bench, tmp_path):
+    """Worker processes took modules such as ``queue`` from the folder in which the program was started."""
+    for name in ("queue", "struct", "signal", "types", "select", "platform"):
+        (tmp_path / f"{name}.py").write_text("from pathlib import Path\nPath('RUN').touch()\nraise SystemExit(7)\n")
+    shutil.copy(bench / "step.csv", tmp_path / "step.csv")
+    for command in (["estimate", "step.csv", "-o", "out"], ["batch", "step.csv", "-o", "cases"]):
+        program = [sys.executable, "-P", "-m", "estimator", *command]
+        done = subprocess.run(program, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0 and not (tmp_path / "RUN").exists(), (command, done.stderr)

@@ -107,7 +107,7 @@ class _Owner:
             root = str(Path(__file__).resolve().parents[2])
             code = f"import sys; sys.path.insert(0, {root!r}); from estimator.batches.case_worker import main; main()"
             self._process = subprocess.Popen(
-                [sys.executable, "-c", code],
+                [sys.executable, "-P", "-c", code],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=None if os.environ.get(DEBUG) else subprocess.DEVNULL,

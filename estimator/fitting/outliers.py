@@ -15,6 +15,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 OUTLIER, OUTLIER_BESIDE = 4.5, 3.0  # standard deviations of an outlier, 1 of 147 000 normal values; of those beside one
+SOME = 1000  # rows that show how large the noise is
 NEAR = 2  # rows: what shows in one row alone after an edge is no more than the signal changes in these
 
 
@@ -32,7 +33,9 @@ def held_down(fit: Fit, onsets: BoolArray) -> Fit:
     z = np.abs(fit.z.reshape(fit.shown.shape)) * np.sqrt(fit.whitener.inflate)
     present = fit.whitener.present
     usual = [median(own[here]) / MEDIAN_SIZE if here.any() else 1.0 for own, here in zip(z.T, present.T, strict=True)]
-    least = np.where(fit.simulator.coarse, 1.0, 1e-3)  # the median of a few steps of a converter tells no size
+    some = slice(None, None, max(1, len(z) // SOME))
+    is_step = fit.simulator.steps > np.median(fit.whitener.deviation(some), axis=0)
+    least = np.where(is_step, 1.0, 1e-3)  # the median of a few steps of a converter tells no size
     z /= np.clip(usual, least, 1.0)  # the noise is too large if outliers were in it
     inflate = np.ones_like(z)
     for j in range(z.shape[1]):

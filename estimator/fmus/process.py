@@ -39,7 +39,7 @@ class Process:
         self._mark = f"{folder}:{slot}:{generation}"
         self._started: set[int] = set()  # by the FMU, as far as it was seen
         self.popen = subprocess.Popen(
-            [sys.executable, "-c", code, str(folder)],
+            [sys.executable, "-P", "-c", code, str(folder)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

@@ -228,11 +228,12 @@ def _resistance(plan: Plan, values: Mapping[str, float]) -> float:
 def _small_inductance(plan: Plan, values: Mapping[str, float]) -> str:
     h = plan.shortest_step
     R = _resistance(plan, values)
-    about = (
-        f"L/R is about {time_constant(R, values['L']):.2g} s against a sampling interval of"
-        if R
-        else "it is sampled every"
-    )
+    if _is_unseen(plan, values):  # its value is none, but a bound of the search
+        about = "L/R is too short to be seen at a sampling interval of"
+    elif R:
+        about = f"L/R is about {time_constant(R, values['L']):.2g} s against a sampling interval of"
+    else:
+        about = "it is sampled every"
     return f"{about} {h:g} s; sample faster to tell L"
 
 

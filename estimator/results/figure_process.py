@@ -28,7 +28,7 @@ class FigureProcess:
         self._process: subprocess.Popen[bytes] | None = None
         with contextlib.suppress(OSError):  # then it is drawn here
             self._process = subprocess.Popen(
-                [sys.executable, "-c", code],
+                [sys.executable, "-P", "-c", code],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
