@@ -49,6 +49,8 @@ HIDDEN = {  # effects whose own names do not tell, or tell the same
     "brush drop": "drop of brushes or drive",
     "drop of the drive": "drop of brushes or drive",
 }
+LATE = "delay of"  # of one output
+LATE_OFF = 0.05  # of a parameter: more is doubted
 TOLD_HIDDEN, TOLD_PARAMETERS = 4, 2  # effects that may hide, and parameters of each, at most
 
 
@@ -270,7 +272,25 @@ def _doubts(explained: Explained | None) -> list[str]:
     if explained is None:
         return []
     found = [f"{f.sentence}: {f.doubt}" for f in explained.found if f.doubt]
-    return [*found, *(rival.sentence() for rival in explained.rivals)]
+    return [*found, *(rival.sentence() for rival in explained.rivals), *_late_unseen(explained.not_visible)]
+
+
+def _late_unseen(effects: Sequence[NotVisible]) -> list[str]:
+    """Say what nothing shows of one sensor's timing, and what would put a parameter of the motor's motion far off.
+
+    Rows may be so long beside the winding's time constant that all the current's rise is between two of them: a
+    converter that averages over a part of each row then shows another current, which fits as well.
+    """
+    for e in effects:
+        off = {n: part for n, (part, _) in e.off.items() if n in MOTOR and n not in ("L", "B") and abs(part) > LATE_OFF}
+        if e.whatever_size and off and e.effect == LATE:
+            far = ", ".join(f"{n} {100 * part:+.2g} %" for n, part in off.items())
+            return [
+                f"nothing shows whether one output is later than the others, as by a delay or a mean over a part"
+                f" of each row: {e.size:.2g} {e.unit} would put {far} off; sample faster, or say"
+                " under [outputs] what its sensor does, such as delay = 0"
+            ]
+    return []
 
 
 def _found(plan: Plan, explained: Explained | None, statuses: Mapping[str, ParameterStatus]) -> list[str]:
