@@ -12,6 +12,7 @@ from estimator.cases.case import ParameterSpec
 from estimator.errors import InputError
 from estimator.fmus.variable import Variable
 from estimator.motor.integral_least_squares import integral_estimate, sane, speed_estimate
+from estimator.motor.names import MOTOR
 from estimator.plans.binding import Binding
 from estimator.plans.parameters import Parameter
 from estimator.plans.plan import Observed
@@ -95,11 +96,14 @@ def free_parameters(
 
 
 def held_parameters(binding: Binding) -> tuple[str, ...]:
-    """Return a sentence about the FMU's parameters that are held because nobody named any; none if there are none."""
-    if binding.case.parameters:
-        return ()
+    """Return a sentence about the FMU's parameters that are held because nobody named them; none if there are none.
+
+    Where a case names some, it means the others to be held, but hardly those that every motor has.
+    """
     taken = {*binding.case.fixed, *(target for spec in binding.free for target in spec.fmu)}
     held = [v for v in binding.parameters.values() if v.name not in taken and v.is_real and v.start is not None]
+    if binding.case.parameters:
+        held = [v for v in held if v.name in MOTOR]
     if not held:
         return ()
     listed = ", ".join(f"{v.name} = {_number(v.start):.6g} {v.unit}".rstrip() for v in held[:MOST_HELD])
