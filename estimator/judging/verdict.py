@@ -125,15 +125,18 @@ def judge(
         reasons += [identifiability.sentence] if identifiability is not None and identifiability.untold else []
         alone = _identified(plan, values, polish)
         statuses.update({n: s for n, s in alone.items() if n not in untold})
-        reasons += _by_parameter({n: s for n, s in statuses.items() if s.status == "not identified"})
-        wide = {n: s for n, s in statuses.items() if s.status == "doubtful"}
+        absent = {p.name for p in plan.parameters if p.vanishes}  # that it is not told is no reason for doubt
+        reasons += _by_parameter(
+            {n: s for n, s in statuses.items() if s.status == "not identified" and n not in absent}
+        )
+        wide = {n: s for n, s in statuses.items() if s.status == "doubtful" or n in absent}
         statuses.update(
             {n: ParameterStatus("not identified", identifiability.sentence) for n in untold} if identifiability else {}
         )
         reasons += _traded(plan, polish, statuses)
         missed = misfit(plan, polish, explained, noise, spread)
         wrong = [*missed, *step.reasons, *_doubts(explained), *scales_at_odds(plan), *_fast(plan, values)]
-        wrong += [*_coasting(plan, explained), *slow_for_the_motor(plan)]
+        wrong += [*_late_unseen(plan, values, explained), *_coasting(plan, explained), *slow_for_the_motor(plan)]
         reasons += wrong
         wrong = [*worse, *wrong]
         if held:
@@ -173,6 +176,8 @@ def _identified(plan: Plan, values: Mapping[str, float], polish: LeastSquaresFit
             reason = f"the estimate lies at its {side} bound {bound:.4g}; widen the bound or check the recording"
             if has_winding and name == "L" and side == "lower":
                 reason = _small_inductance(plan, values)
+            if parameter.vanishes and side == "lower":
+                reason = f"nothing of it is seen: {bound:.4g}, where its search begins, stands for none"
             statuses[name] = ParameterStatus("not identified", reason)
         elif not relative < USELESS_ERROR:
             size = f"{100 * relative:.0f} % of" if relative < NOTHING_TOLD else "more than 100 times"
@@ -272,16 +277,19 @@ def _doubts(explained: Explained | None) -> list[str]:
     if explained is None:
         return []
     found = [f"{f.sentence}: {f.doubt}" for f in explained.found if f.doubt]
-    return [*found, *(rival.sentence() for rival in explained.rivals), *_late_unseen(explained.not_visible)]
+    return [*found, *(rival.sentence() for rival in explained.rivals)]
 
 
-def _late_unseen(effects: Sequence[NotVisible]) -> list[str]:
+def _late_unseen(plan: Plan, values: Mapping[str, float], explained: Explained | None) -> list[str]:
     """Say what nothing shows of one sensor's timing, and what would put a parameter of the motor's motion far off.
 
-    Rows may be so long beside the winding's time constant that all the current's rise is between two of them: a
+    Where rows are longer than the winding's time constant, all of the current's rise may be between two of them: a
     converter that averages over a part of each row then shows another current, which fits as well.
     """
-    for e in effects:
+    R = _resistance(plan, values)
+    if explained is None or not R or time_constant(R, {**plan.fixed, **values}.get("L", 0.0)) > plan.shortest_step:
+        return []
+    for e in explained.not_visible:
         off = {n: part for n, (part, _) in e.off.items() if n in MOTOR and n not in ("L", "B") and abs(part) > LATE_OFF}
         if e.whatever_size and off and e.effect == LATE:
             far = ", ".join(f"{n} {100 * part:+.2g} %" for n, part in off.items())

@@ -146,6 +146,7 @@ def _parameter(spec: ParameterSpec, binding: Binding, guess: Mapping[str, float]
         start=None if start is None else float(np.clip(start, lower, upper)),
         nominal=spec.nominal,
         gains=spec.gains,
+        vanishes=name not in MOTOR and given[0] is None and allowed[0] == 0,
     )
 
 

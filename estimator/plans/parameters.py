@@ -40,6 +40,8 @@ class Parameter:
         Which recording's it is; None: of all.
     quantity : str
         What it is, where the name also says whose: "R" of "R run3".
+    vanishes : bool
+        It is 0 in some machines, and its lower bound, which nobody gave, stands for that: a friction, a brush drop.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Parameter:
     gains: tuple[float, ...] = ()  # of each target: its value over the parameter's; empty: 1
     recording: int | None = None
     quantity: str = ""
+    vanishes: bool = False
 
 
 def scaled(values: FloatArray, log: BoolArray) -> FloatArray:
