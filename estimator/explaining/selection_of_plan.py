@@ -78,7 +78,8 @@ def _in_place_of_columns(effects: Sequence[Effect], plan: Plan) -> list[Nuisance
 def may_be_replaced(plan: Plan) -> bool:
     """Return whether the plan's FMU is the bundled linear motor, in whose place one with more effects may stand."""
     is_linear_motor = plan.description.is_bundled and plan.description.path.stem == LINEAR_MOTOR
-    return is_linear_motor and {*plan.names, *plan.fixed} <= {*MOTOR, "v", "load"}
+    known = {*(p.quantity or p.name for p in plan.parameters), *plan.fixed}
+    return is_linear_motor and known <= {*MOTOR, "v", "load"}
 
 
 def freed_by_the_case(plan: Plan) -> list[Nuisance]:
