@@ -46,8 +46,8 @@ COARSE = Found(
 ENDED = Found(
     "search",
     "",
-    "the recording shows more than what is known explains: the search for it was ended before all was tried",
-    "what was not tried may explain it, and give other parameters; estimate from a shorter part, by --window",
+    "the search for what the recording shows was ended before all was tried",
+    "what was not tried may explain it as well, and give other parameters; estimate from a shorter part, by --window",
 )
 
 

@@ -169,8 +169,12 @@ class Selection:
         if find_windows(best.fit).enough:
             if sharp:
                 best = with_noise(best, self.differenced, colour=False)
-                is_rough = best.excess(self.tests.samples) > MISSED
-                best = self.grown(best, [e for e in self.effects if e.sharp or (is_rough and e.fmu)], colour=False)
+                sharp_ones = [e for e in self.effects if e.sharp]
+                best = self.grown(best, [e for e in sharp_ones if not e.is_last], colour=False)
+                if (
+                    best.excess(self.tests.samples) > MISSED
+                ):  # a load that changes is none where dry friction explains more
+                    best = self.grown(best, [e for e in self.effects if e.sharp or e.fmu], colour=False)
                 best = self.retimed(best, colour=False)
         else:  # a noise from residuals would contain missing effects: neighbours tell it first
             best = with_noise_of_neighbours(best, self.differenced)
