@@ -142,13 +142,18 @@ class BrushDrop(Drive):
     sentence: str = "the brushes drop {value:.3g} {unit}"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return the drop: after steps from rest to one voltage it is a gain of the voltage, which nothing tells."""
+        """Return the drop: after steps from rest to one voltage it is a gain of the voltage, which nothing tells.
+
+        Of one voltage both ways only the rows in which the current still flows the other way tell it.
+        """
         levels = [level for o in plan.observed if (level := self._one_level(o))]
         alike = len(levels) == len(plan.observed) and max(levels) - min(levels) < ONE_SIZE * max(map(abs, levels))
         found = [dataclasses.replace(n, excludes=(ROUNDED,)) for n in super().nuisances(plan)]
         # By its derivative: at its usual size the response is no longer linear in it, and would seem to tell it.
-        of_slope = [dataclasses.replace(n, tries=(TRIED * n.tries[0],), usual=n.tries[0], untold=True) for n in found]
-        return of_slope if alike else found
+        of_slope = [dataclasses.replace(n, tries=(TRIED * n.tries[0],), usual=n.tries[0], untold=alike) for n in found]
+        voltages = [o.inputs["v"] for o in plan.observed if "v" in o.inputs]
+        one_size = is_of_one_size(np.concatenate(voltages)) if voltages else False
+        return of_slope if alike or one_size else found
 
     @staticmethod
     def _one_level(o: Observed) -> float:
