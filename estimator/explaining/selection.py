@@ -171,9 +171,7 @@ class Selection:
                 best = with_noise(best, self.differenced, colour=False)
                 sharp_ones = [e for e in self.effects if e.sharp]
                 best = self.grown(best, [e for e in sharp_ones if not e.is_last], colour=False)
-                if (
-                    best.excess(self.tests.samples) > MISSED
-                ):  # a load that changes is none where dry friction explains more
+                if best.excess(self.tests.samples) > MISSED:  # what acts like a load that changes may be dry friction
                     best = self.grown(best, [e for e in self.effects if e.sharp or e.fmu], colour=False)
                 best = self.retimed(best, colour=False)
         else:  # a noise from residuals would contain missing effects: neighbours tell it first

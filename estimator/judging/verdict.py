@@ -218,6 +218,8 @@ def _traded(plan: Plan, polish: LeastSquaresFit, statuses: Mapping[str, Paramete
         return []
     single = all(o.excitation.kind == "step" for o in plan.observed) and len(plan.observed) == 1
     more = "several voltage levels or both directions" if single else "larger changes of the voltage, and other ones"
+    if has_motor(plan.names) and not ({"w", "angle"} & set(plan.outputs) and "i" in plan.outputs):
+        more = "the current, too" if "i" not in plan.outputs else "the speed, too"  # no voltage parts them
     return [f"{one} and {other} stand in for each other (correlation {correlation:+.3f}); record {more}, or fix one"]
 
 
