@@ -172,7 +172,7 @@ class Selection:
                 sharp_ones = [e for e in self.effects if e.sharp]
                 best = self.grown(best, [e for e in sharp_ones if not e.is_last], colour=False)
                 if best.excess(self.tests.samples) > MISSED:  # what acts like a load that changes may be dry friction
-                    best = self.grown(best, [e for e in self.effects if e.sharp or e.fmu], colour=False)
+                    best = self.grown(best, self.effects, colour=False)
                 best = self.retimed(best, colour=False)
         else:  # a noise from residuals would contain missing effects: neighbours tell it first
             best = with_noise_of_neighbours(best, self.differenced)
