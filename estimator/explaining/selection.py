@@ -35,7 +35,7 @@ from estimator.explaining.addition import (
     without_columns,
 )
 from estimator.explaining.addition_tests import AdditionTests
-from estimator.explaining.effects.base import Effect
+from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.explaining.explanation import (
     MOST_ADDITIONS,
     Explanation,
@@ -171,8 +171,8 @@ class Selection:
                 best = with_noise(best, self.differenced, colour=False)
                 sharp_ones = [e for e in self.effects if e.sharp]
                 best = self.grown(best, [e for e in sharp_ones if not e.is_last], colour=False)
-                if best.excess(self.tests.samples) > MISSED:  # what acts like a load that changes may be dry friction
-                    best = self.grown(best, self.effects, colour=False)
+                if best.excess(self.tests.samples) > MISSED:  # what is usual first: others make up for it
+                    best = self.grown(best, [e for e in self.effects if e.prior > SELDOM], colour=False)
                 best = self.retimed(best, colour=False)
         else:  # a noise from residuals would contain missing effects: neighbours tell it first
             best = with_noise_of_neighbours(best, self.differenced)
