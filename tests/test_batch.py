@@ -423,7 +423,7 @@ def test_a_process_that_dies_takes_nobody_along(tmp_path, monkeypatch):
 
     def fragile(arguments, **options):
         place = "from estimator.batches.case_worker"
-        code = arguments[2].replace(place, f"exec({FRAGILE!r}); {place}")
+        code = arguments[-1].replace(place, f"exec({FRAGILE!r}); {place}")
         return real([arguments[0], "-c", code, str(tmp_path)], **options)
 
     monkeypatch.setattr(worker_pool.subprocess, "Popen", fragile)

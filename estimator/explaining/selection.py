@@ -77,6 +77,7 @@ FIRST_ORDER = 0.1  # of it: a long delay or filter explains to first order a sma
 NEARLY_ALL = 0.8  # and is added before all else where that is so much of what is missed
 RESHAPED = 2  # times that all columns are tried in other forms, at most
 MISSED = 1.1  # of z'z a sample: with more, noise is not all that is missed
+MUCH = 4.0  # likewise: with more the noise is hardly a part of it
 WORTH = 0.02  # of what its outputs miss then: what explains less makes up for another effect, that is not known
 COMPARED, DOUBLINGS = 2.0, 2  # of z'z: more rows between the samples change less, while rivals are compared; at most
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
@@ -171,7 +172,7 @@ class Selection:
                 best = with_noise(best, self.differenced, colour=False)
                 sharp_ones = [e for e in self.effects if e.sharp]
                 best = self.grown(best, [e for e in sharp_ones if not e.is_last], colour=False)
-                if best.excess(self.tests.samples) > MISSED:  # what is usual first: others make up for it
+                if best.excess(self.tests.samples) > MUCH:  # what is usual first: others make up for it
                     best = self.grown(best, [e for e in self.effects if e.prior > SELDOM], colour=False)
                 best = self.retimed(best, colour=False)
         else:  # a noise from residuals would contain missing effects: neighbours tell it first
