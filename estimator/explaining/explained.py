@@ -16,6 +16,7 @@ from estimator.explaining.averaging import averaged
 from estimator.explaining.between_runs import BetweenRuns, is_between_runs, of_fit
 from estimator.explaining.effects.base import Effect
 from estimator.explaining.effects.drive import Coasting
+from estimator.explaining.effects.edge_latency import EdgeLatency
 from estimator.explaining.effects.voltage_noise import VoltageNoise, without_noise
 from estimator.explaining.effects.voltage_offset import VoltageOffset
 from estimator.explaining.explanation import Explanation
@@ -47,6 +48,7 @@ from estimator.fitting.lateness import lateness
 from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fmus.workers import Workers
 from estimator.noise.in_parts import Columns, products
+from estimator.plans.free_parameters import first_guess
 from estimator.plans.parameters import Parameter, SensorPlace
 from estimator.plans.plan import Plan
 from estimator.results.result import NotVisible, Rival
@@ -172,6 +174,9 @@ def explain(
     effort = Effort(plan)
     begin = partial(selection_of, crew=crew, sigma=sigma, deviations=deviations, effects=effects, effort=effort)
     plan, opened, late = _read_at_sight(plan, effects, lambda one, other: _is_likelier(begin, one, other, starts))
+    if late:
+        plan, again = _guessed_again(plan)
+        starts = [*starts, again]
     noisy, told_quiet = plan, ""
     if any(e.name == VoltageNoise.name for e in effects) and may_be_replaced(plan):
         at_sight = quieted_at_sight(plan)
@@ -179,7 +184,7 @@ def explain(
             plan, told_quiet, _ = at_sight
     ways, selections, explanation = likelier_interpretation(plan, begin, starts, known)
     plan, selection = ways[0].plan, selections[0]
-    changed = [Found("latency of each edge", "", t, "") for t in late]
+    changed = [Found(EdgeLatency.name, "", t, "") for t in late]
     quiet, told = _quiet(plan, noisy, explanation, told_quiet)
     changed += told
     if quiet is not None:
@@ -238,9 +243,22 @@ def _read_at_sight(
         as_open, found = with_open_circuits(plan)
         if not (found and is_likelier(plan, as_open)):
             plan, opened = as_open, found
-    if any(e.name == "latency of each edge" for e in effects):
+    if any(e.name == EdgeLatency.name for e in effects):
         plan, late = with_latencies(plan)
     return plan, opened, late
+
+
+def _guessed_again(plan: Plan) -> tuple[Plan, FloatArray]:
+    """Return a plan whose guess is of its voltages as they reach the motor now, and that guess as a start, (p,).
+
+    A motor that answers late was guessed, and fitted, as a slow one.
+    """
+    guess = first_guess(plan.binding, plan.observed)
+    known = [guess.get(p.quantity or p.name, p.start) for p in plan.parameters]
+    middle = [np.sqrt(p.lower * p.upper) if p.log else 0.5 * (p.lower + p.upper) for p in plan.parameters]
+    start = np.array([m if x is None else x for x, m in zip(known, middle, strict=True)])
+    lower, upper = (np.array([getattr(p, end) for p in plan.parameters]) for end in ("lower", "upper"))
+    return dataclasses.replace(plan, guess=guess), np.clip(start, lower, upper)
 
 
 def _is_likelier(begin: Callable[[Plan], Selection], one: Plan, other: Plan, starts: Sequence[FloatArray]) -> bool:

@@ -1,8 +1,9 @@
-"""Levels of a command that reach the motor at delays of their own, found from the current. Knows plans, no fit.
+"""Levels of a command that reach the motor at delays of their own, found from the current or a speed alone.
 
 A controller that reads its command periodically delays each change by another time. The current starts to change within
-a sample of the voltage's change at the motor. The changes are moved to these instants, relative to the first, so that
-one delay remains for all. Differences below a sample are estimated by the effect `latency of each edge`.
+a sample of the voltage's change at the motor; the speed has done half of each change as long after it. The changes are
+moved to these instants, relative to the first, so that one delay remains for all. Differences below a sample, or what
+little a speed alone leaves, are estimated by the effect `latency of each edge`. Knows plans, no fit.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ ONSET_NOISE = 6.0  # deviations of the noise: a larger change of the current is 
 ONSET_PART = 0.1  # of the largest change of the current per volt: likewise
 MEDIAN_OF = np.pi / 2  # variance of a median over that of a mean
 BEFORE = 5  # rows before a change, at least, in which the current has settled
+HALVES = 3  # times from a quarter of a speed's change to its half, by which changes must come later or earlier
+ONSET_BEFORE = np.log(2) / np.log(1.5)  # of those times, of a first-order response, between its begin and its half
 TOLD = 4.0  # standard errors by which it is later or earlier then
 LEAST_SHIFT = 2  # rows by which a change must come later or earlier than the first
 LEAST_ORDERED = 4  # changes of which larger ones come later: of fewer that may be chance
@@ -52,18 +55,41 @@ def with_latencies(plan: Plan) -> tuple[Plan, tuple[str, ...]]:
 
 
 def _moved(o: Observed) -> tuple[Observed, str] | None:
-    if "v" not in o.inputs or "i" not in o.outputs or o.lead:
+    if "v" not in o.inputs or o.lead or not {"i", "w"} & set(o.outputs):
         return None
-    rest = np.zeros(o.rest)  # before a voltage that is on from the first row
-    v, i = np.concatenate([rest, o.inputs["v"]]), filled(o.outputs["i"])
-    i = np.concatenate([rest + i[0], i])
-    around = np.concatenate([i[:1], i, i[-1:]])
-    smooth = np.median([around[:-2], i, around[2:]], axis=0)  # a single sample that is off is no onset
-    shown = np.concatenate([rest, o.outputs["i"]])
+    v = np.concatenate([np.zeros(o.rest), o.inputs["v"]])  # a voltage that is on from the first row begins there
     edges = edges_of(v)
     edges = edges[edges <= len(v) - 4 * LEAST_SHIFT]  # the response to later ones is not recorded
     if not 2 <= len(edges) <= MOST_EDGES or np.min(np.diff(edges)) < 4 * LEAST_SHIFT:
         return None
+    told = _of_current(o, v, edges) if "i" in o.outputs else _of_speed(o, v, edges)
+    if told is None:
+        return None
+    late, least = told
+    shift = np.array(late) - late[0]
+    changes = np.abs(v[edges] - v[edges - 1])
+    if np.all(np.abs(shift) < np.maximum(LEAST_SHIFT, least)) or _grows_with_size(late, changes):
+        return None
+    bounds = [*edges, len(v)]
+    command = np.full(len(v), v[0])
+    for a, b, by in zip(bounds[:-1], bounds[1:], shift, strict=True):
+        command[max(0, a + by) :] = v[a]
+        command[max(0, a + by) : max(0, b + by)] = v[a:b][: len(command[max(0, a + by) : max(0, b + by)])]
+    h = o.recording.step
+    delays = ", ".join(f"{1e3 * k * h:.3g}" for k in late)
+    note = f"{o.recording.title}: the changes of the voltage reach the motor {delays} ms late, each by its own"
+    return dataclasses.replace(
+        o, inputs={**o.inputs, "v": command[o.rest :]}, delay=late[0] * h if late[0] else 0.0
+    ), note
+
+
+def _of_current(o: Observed, v: FloatArray, edges: NDArray[np.int64]) -> tuple[list[int], FloatArray] | None:
+    """Return by how many rows the current starts to change after each edge, and how many more or fewer tell."""
+    rest, i = np.zeros(o.rest), filled(o.outputs["i"])
+    i = np.concatenate([rest + i[0], i])
+    around = np.concatenate([i[:1], i, i[-1:]])
+    smooth = np.median([around[:-2], i, around[2:]], axis=0)  # a single sample that is off is no onset
+    shown = np.concatenate([rest, o.outputs["i"]])
     bounds = [*edges, len(v)]
     changes = np.abs(v[edges] - v[edges - 1])
     largest = max(float(np.ptp(i[a:b])) / dv for a, b, dv in zip(bounds[:-1], bounds[1:], changes, strict=True))
@@ -82,22 +108,39 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
         if abs(settled[-1] - settled[0]) > level * abs(v[a] - v[a - 1]):  # what comes then may be of the change before
             return None
         late.append(0 if _has_left(i[a : a + rows], before, v[a] - v[a - 1], noise) else rows)
-    shift = np.array(late) - late[0]
     # Where a current takes many rows to its onset, noise moves that: by so many rows, of a rise that is even.
     moved = np.array(late) * noise / (level * changes)
-    by_chance = TOLD * np.hypot(moved, moved[0])
-    if np.all(np.abs(shift) < np.maximum(LEAST_SHIFT, by_chance)) or _grows_with_size(late, changes):
-        return None
-    command = np.full(len(v), v[0])
-    for a, b, by in zip(bounds[:-1], bounds[1:], shift, strict=True):
-        command[max(0, a + by) :] = v[a]
-        command[max(0, a + by) : max(0, b + by)] = v[a:b][: len(command[max(0, a + by) : max(0, b + by)])]
-    h = o.recording.step
-    delays = ", ".join(f"{1e3 * k * h:.3g}" for k in late)
-    note = f"{o.recording.title}: the changes of the voltage reach the motor {delays} ms late, each by its own"
-    return dataclasses.replace(
-        o, inputs={**o.inputs, "v": command[o.rest :]}, delay=late[0] * h if late[0] else 0.0
-    ), note
+    return late, TOLD * np.hypot(moved, moved[0])
+
+
+def _of_speed(o: Observed, v: FloatArray, edges: NDArray[np.int64]) -> tuple[list[int], FloatArray] | None:
+    """Return by how many rows the speed starts to change after each edge, and how many more or fewer tell.
+
+    A linear motor takes as long to the half of each change, which is clear, and as long from its begin. One that
+    coasts, or stops by its friction, takes longer to stand: by less than `HALVES` times what is between a quarter and a
+    half of the slowest change.
+    """
+    w = filled(o.outputs["w"])
+    w = np.concatenate([np.zeros(o.rest) + w[0], w])
+    bounds = [*edges, len(v)]
+    late, rises, before = [], [], median(w[max(0, edges[0] - BEFORE) : edges[0]])
+    for a, b in zip(bounds[:-1], bounds[1:], strict=True):
+        after = median(w[b - max(BEFORE, (b - a) // 4) : b])
+        done = (w[a:b] - before) / (after - before) if after != before else np.zeros(b - a)
+        noise = float(np.std(w[b - max(BEFORE, (b - a) // 4) : b]))
+        quarter, half = (done > part for part in (0.25, 0.5))
+        if (after - before) * (v[a] - v[a - 1]) <= 0 or abs(after - before) < ABOVE_NOISE * noise:
+            return None
+        late.append(_first_lasting(half))
+        rises.append(late[-1] - _first_lasting(quarter))
+        before = after
+    begun = round(ONSET_BEFORE * float(np.median(rises)))
+    return [k - begun for k in late], np.full(len(late), float(HALVES * max(1, *rises)))
+
+
+def _first_lasting(away: NDArray[np.bool_]) -> int:
+    """Return the first of two rows that both are so: a single sample that is off is no onset."""
+    return int(np.argmax(away[:-1] & away[1:]))
 
 
 def _grows_with_size(late: list[int], changes: FloatArray) -> bool:

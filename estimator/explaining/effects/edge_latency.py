@@ -24,7 +24,8 @@ class EdgeLatency(Effect):
     """Further delays, s, of the changes of the voltage after the first.
 
     A column is the change of the signals by a later edge, over the time by which it is later. It is exact for a linear
-    motor at the latency that it is computed at, and is computed again when the latency is better known.
+    motor at the latency that it is computed at, and is computed again when the latency is better known. No edge comes
+    later than the next, or earlier than the one before.
     """
 
     name: str = "latency of each edge"
@@ -44,19 +45,21 @@ class EdgeLatency(Effect):
         edges = _edges(fit)
         return self._group(fit, edges, coefficients) if len(edges) == len(coefficients) else None
 
-    def _group(self, fit: Fit, edges: Sequence[tuple[int, int, float]], late: FloatArray) -> Linear:
+    def _group(self, fit: Fit, edges: Sequence[tuple[int, int, float, int]], late: FloatArray) -> Linear:
         s = fit.simulator
         columns = np.zeros((s.rows, len(s.outputs), len(edges)))
-        for k, (e, row, change) in enumerate(edges):
+        most = min(apart * s.clocks[e].step for e, _, _, apart in edges)
+        late = np.clip(late, -most, most)
+        for k, (e, row, change, _) in enumerate(edges):
             clock = s.clocks[e]
             by = late[k] if abs(late[k]) > LEAST_DIFFERENCE * clock.step else LEAST_DIFFERENCE * clock.step
             at = clock.time[0] + row * clock.step + fit.delay(e)
             columns[clock.rows, :, k] = -change / by * pulse_response(fit, clock, at, at + by)
-        return Linear(self.name, columns, ("s",) * len(edges), size=s.clocks[0].step)
+        return Linear(self.name, columns, ("s",) * len(edges), least=-most, most=most, size=s.clocks[0].step)
 
 
-def _edges(fit: Fit) -> list[tuple[int, int, float]]:
-    """Return recording, row and size in V of each change after the first of a recording."""
+def _edges(fit: Fit) -> list[tuple[int, int, float, int]]:
+    """Return recording, row, size in V and rows to the nearest other change of each after the first of a recording."""
     s = fit.simulator
     v, found = s.inputs("v"), []
     for e, clock in enumerate(s.clocks):
@@ -65,5 +68,9 @@ def _edges(fit: Fit) -> list[tuple[int, int, float]]:
         jumps = edges_of(u, float(np.ptp(v)))
         jumps = jumps[jumps <= len(u) - ROWS_AFTER]
         if 2 <= len(jumps) <= MOST_EDGES:
-            found += [(e, int(k) - rest, float(u[k] - u[k - 1])) for k in jumps[1:]]
+            apart = np.diff(jumps, append=len(u))
+            nearest = np.minimum(apart[1:], apart[:-1])
+            found += [
+                (e, int(k) - rest, float(u[k] - u[k - 1]), int(by)) for k, by in zip(jumps[1:], nearest, strict=True)
+            ]
     return found
