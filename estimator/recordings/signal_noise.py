@@ -18,6 +18,9 @@ EVEN_DIFFERENCES = tuple(math.sqrt(math.comb(2 * order, order)) for order in (2,
 FEW_DIFFERENCES = 3  # fewer of a higher order tell nothing
 LEAST_NOISE = 1e-6  # of the largest of an input: less is the rounding of a command
 AT_SIGHT, FEW_LEVELS, APART = 100, 8, 0.1  # rows, levels of a command, and parts of its span that these are apart
+FEW_MOVES = 50  # from value to value: fewer tell nothing
+NEXT = 1.5  # times their median: larger ones are of the signal
+BACK, AT_ONCE = 0.7, 0.2  # of these moves: those that go back, and in the next row; of noise at least 0.75 and 0.4
 NORMAL_SPAN = 4.0  # standard deviations: normal noise spans more, a pseudo-random signal less
 
 
@@ -66,7 +69,25 @@ def row_by_row(v: FloatArray) -> float:
         if len(x) < (FEW_DIFFERENCES if sizes else 1):
             break
         sizes.append(median(np.abs(x)) / MEDIAN_SIZE / of_white)
-    return min(sizes, default=0.0)
+    return min(sizes, default=0.0) or _between_neighbours(v)
+
+
+def _between_neighbours(v: FloatArray) -> float:
+    """Return the deviation of what goes back and forth between values beside each other, (n,); 0: it does not.
+
+    As a converter's samples of a noise that is smaller than its steps: most of them are alike.
+    """
+    changes = np.diff(v[v != 0])
+    moves = changes[changes != 0]
+    if len(moves) < FEW_MOVES:
+        return 0.0
+    one_step = NEXT * median(np.abs(moves))
+    small = np.where(np.abs(changes) < one_step, changes, 0.0)
+    at = np.flatnonzero(small)
+    goes_back = small[at][1:] * small[at][:-1] < 0  # a ramp in steps goes on
+    if np.mean(goes_back) < BACK or np.mean(np.diff(at) == 1) < AT_ONCE:  # a signal that is held goes back later
+        return 0.0
+    return float(np.sqrt(0.5 * np.mean(small * small)))
 
 
 def _goes_between_levels(v: FloatArray) -> bool:

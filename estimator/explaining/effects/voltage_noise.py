@@ -10,12 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.explaining.coarse_levels import MOST_VALUES, level_error
 from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.latency import edges_of
 from estimator.fitting.motor_response import late_response, motor_values
 from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
+from estimator.recordings.quantum import quantum
 from estimator.recordings.signal_noise import input_noise
 from estimator.recordings.smooth_inputs import moves_smoothly, smoothed
 
@@ -92,19 +94,32 @@ def quieted(plan: Plan, around: Sequence[FloatArray], shown: Sequence[FloatArray
         if is_told and is_smooth:
             uncertain = _left_of_noise(o.inputs["v"])
         elif is_told:
-            uncertain = np.column_stack([_uncertain(own, parts), _between_rows(quiet, parts)])
+            uncertain = np.column_stack([_uncertain(o.inputs["v"], own, parts), _between_rows(quiet, parts)])
         inputs, was = {**o.inputs, "v": quiet}, o.is_measured
         observed.append(dataclasses.replace(o, inputs=inputs, uncertain=uncertain, is_quiet=was))
     return dataclasses.replace(plan, observed=tuple(observed))
 
 
-def _uncertain(around: FloatArray, parts: Sequence[tuple[slice, FloatArray]]) -> FloatArray:
-    """Return the errors in V of what a voltage follows, (n, k), as it is told from noisy samples, (n,)."""
-    columns = np.zeros((len(around), sum(basis.shape[1] for _, basis in parts)))
-    k = 0
+def _uncertain(u: FloatArray, around: FloatArray, parts: Sequence[tuple[slice, FloatArray]]) -> FloatArray:
+    """Return the errors in V of what a voltage follows, (n, k), as it is told from noisy samples, (n,).
+
+    Samples of a converter whose steps are no smaller than the noise share an error (`level_error`). Where it shows
+    none at all there is none.
+    """
+    columns, k = np.zeros((len(around), sum(basis.shape[1] for _, basis in parts))), 0
+    step = max((_apart(u[level]) for level, _ in parts), default=0.0) or quantum(u)
     for level, basis in parts:
-        columns[level, k : (k := k + basis.shape[1])] = np.std(around) * basis
+        columns[level, k : k + basis.shape[1]] = np.std(around) * basis
+        if step > 0 and u[level].any():
+            columns[level, k] = np.hypot(columns[level, k], level_error(u[level], step))
+        k += basis.shape[1]
     return columns
+
+
+def _apart(shown: FloatArray) -> float:
+    """Return the distance of the few values that a level shows; 0: it shows one, or many."""
+    values = np.unique(shown)
+    return float(np.min(np.diff(values))) if 2 <= len(values) <= MOST_VALUES else 0.0
 
 
 def _left_of_noise(v: FloatArray) -> FloatArray:
