@@ -352,6 +352,12 @@ def test_a_step_that_does_not_divide_the_interval_is_refused(case_of):
         estimate_recordings([case], [[step_recording(CML050, duration=1.0)]])
 
 
+def test_a_step_that_would_take_minutes_a_simulation_is_refused(case_of):
+    case = dataclasses.replace(case_of(), step=1e-9)
+    with pytest.raises(InputError, match=r"the communication step 1e-09 s makes 1e\+09 steps of each simulation"):
+        estimate_recordings([case], [[step_recording(CML050, duration=1.0)]])
+
+
 # Refusal
 
 

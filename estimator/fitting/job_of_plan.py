@@ -15,6 +15,7 @@ from estimator.recordings.recording import Recording
 from estimator.recordings.sensors import Section
 from estimator.stepping.layout import types_of
 
+MOST_STEPS = 100_000_000  # of one simulation of a recording: 1.5 s of the bundled motor, minutes of some others
 ON_LINES = 8  # communication steps a row, where an input goes on lines and the FMU takes its mean over each
 
 FloatArray = NDArray[np.float64]
@@ -34,7 +35,7 @@ def job_of(plan: Plan, values: CandidateValues, *, sigma: Mapping[str, float]) -
     Raises
     ------
     CaseError
-        The communication step does not divide a sampling interval.
+        The communication step does not divide a sampling interval, or is far too short.
     """
     description, binding = plan.description, plan.binding
     inputs = tuple(plan.observed[0].inputs)
@@ -121,5 +122,11 @@ def _substeps(plan: Plan, recording: Recording) -> int:
         raise CaseError(
             f"the communication step {case.step:g} s does not divide the sampling interval {recording.step:g} s"
             f" of {recording.title}; take {recording.step:g} s or a whole fraction of it"
+        )
+    steps = substeps * len(recording.time)
+    if steps > MOST_STEPS:
+        raise CaseError(
+            f"the communication step {case.step:g} s makes {steps:.3g} steps of each simulation of {recording.title},"
+            f" more than {MOST_STEPS:,}; take a longer one, up to the sampling interval {recording.step:g} s"
         )
     return substeps
