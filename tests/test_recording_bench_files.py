@@ -98,8 +98,12 @@ def test_an_excel_file_that_does_not_do_is_told_in_a_sentence(tmp_path: Path) ->
     told = refused(xlsx(path, [HEADER, *ROWS], [HEADER, *ROWS]))
     assert told == "run3.xlsx holds recordings on the sheets 'run 1' and 'run 2'; save each as a file of its own"
     assert refused(xlsx(path, [["motor", "R"], [1, 2]])).startswith("run3.xlsx has no sheet with a time column; give")
-    path.write_bytes(path.read_bytes()[:2000])
+    whole = path.read_bytes()
+    path.write_bytes(whole[:2000])
     assert refused(path).startswith("run3.xlsx is a damaged Excel file (")
+    listed = whole.index(b"PK\1\2")  # the first entry of the table of contents, its version 6 bytes on
+    path.write_bytes(whole[: listed + 6] + b"\x41" + whole[listed + 7 :])
+    assert refused(path) == "run3.xlsx is a damaged Excel file (zip file version 6.5); save it again"
     path.write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600))
     assert refused(path) == "run3.xlsx is an Excel file of before 2007; save it as .xlsx or as CSV"
 

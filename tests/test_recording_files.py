@@ -139,6 +139,15 @@ MAT_COMPLAINTS = {
         "run3.mat: there is no time column (column 1, column 2, column 3); one column",
     ),
     "no names": ({"time": TIME[:5], "data": np.ones((7, 3))}, "run3.mat: data has columns without names; give them"),
+    "a sample more": (
+        {**VECTORS, "v": np.append(V, 10.5)},
+        "run3.mat: v has 61 samples and the time t has 60; save vectors of one length",
+    ),
+    "a sample less, no time": ({"v": V[1:], "i": CURRENT, "w": W}, "run3.mat: there is no time column"),
+    "lengths, no time": (
+        {"v": V[1:], "w": W},
+        "run3.mat holds no time with signals of its length (v of 59, w of 60); save the vectors",
+    ),
     "time back": ({**VECTORS, "t": TIME[::-1].copy()}, "run3.mat: the time of 'v' does not increase; each sample"),
 }
 
@@ -166,6 +175,17 @@ def test_a_damaged_file_is_told_in_a_sentence(name: str, content: bytes, sentenc
     with pytest.raises(RecordingError) as caught:
         read_recording(tmp_path / name)
     assert str(caught.value).startswith(sentence) and "\n" not in str(caught.value)
+
+
+def test_an_hdf5_file_whose_table_of_names_is_damaged_is_told_in_a_sentence(tmp_path: Path) -> None:
+    import h5py
+
+    path = tmp_path / "run3.mat"
+    with h5py.File(path, "w") as file:
+        file["t"] = np.arange(9.0)
+    path.write_bytes(path.read_bytes().replace(b"SNOD", b"SNAD"))
+    with pytest.raises(RecordingError, match="damaged MAT file of version 7.3 .*bad symbol table node"):
+        read_recording(path)
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,7 @@ HDF5 = b"\x89HDF\r\n\x1a\n"
 TEXT = b"MATLAB 5.0 MAT-file"
 REMEDY = "save the vectors time, voltage, current and speed, or a structure of them"
 MIN_ROWS = 3
+SIGNALS = ("v", "i", "w")
 
 
 def is_mat(path: Path, head: bytes) -> bool:
@@ -46,7 +47,7 @@ def read_mat(path: Path, head: bytes) -> Columns:
     if found := _structure_with_time(content):
         return on_one_clock(path, found)
     groups = [group for _, group in _groups(content, ())]
-    for reading in (_own_clocks, _vectors, partial(_matrix, path)):
+    for reading in (_own_clocks, partial(_vectors, path), partial(_matrix, path)):
         for group in groups:
             signals = reading(group)
             if signals:
@@ -60,7 +61,7 @@ def read_mat(path: Path, head: bytes) -> Columns:
             return columns
     if objects:
         raise RecordingError(f"{path.name} holds {objects}, and in it no signal with a clock; {REMEDY}")
-    names = ", ".join(str(name) for name in content) or "nothing"
+    names = ", ".join(_with_length(name, value) for name, value in content.items()) or "nothing"
     raise RecordingError(f"{path.name} holds no time with signals of its length ({names}); {REMEDY}")
 
 
@@ -128,7 +129,7 @@ def _hdf5(path: Path) -> tuple[dict[str, Any], str]:
     try:
         with h5py.File(path, "r") as file:
             return {name: value(file[name], file) for name in file if not name.startswith("#")}, objects
-    except OSError as error:
+    except Exception as error:  # h5py raises whatever it stumbles over
         words = " ".join(str(error).split())[:100]
         raise RecordingError(f"{path.name} is a damaged MAT file of version 7.3 ({words}); {REMEDY}") from None
 
@@ -196,13 +197,13 @@ def _own_clocks(group: Mapping[str, Any]) -> list[Signal]:
         block = _array(value)
         if block is not None and block.ndim == 2 and block.shape[1] == 2 and len(block) >= MIN_ROWS:
             increasing = bool(np.all(np.diff(block[:, 0]) > 0))
-            if increasing and any(rank_in_role(parse_header(name).name, role) is not None for role in ("v", "i", "w")):
+            if increasing and any(rank_in_role(parse_header(name).name, role) is not None for role in SIGNALS):
                 found.append(Signal(name, block[:, 1], block[:, 0]))
     return found if len(found) > 1 else []
 
 
-def _vectors(group: Mapping[str, Any]) -> list[Signal]:
-    """Return the vectors that are as long as the time."""
+def _vectors(path: Path, group: Mapping[str, Any]) -> list[Signal]:
+    """Return the vectors that are as long as the time; complain of a signal that is nearly so."""
     vectors = {name: v for name, value in group.items() if (v := _vector(value)) is not None and len(v) >= MIN_ROWS}
     clock = _clock(list(vectors))
     if clock is None:
@@ -210,6 +211,14 @@ def _vectors(group: Mapping[str, Any]) -> list[Signal]:
     unit = parse_header(clock).unit
     time = vectors[clock] if unit is None or unit.quantity != "time" else unit.to_si(vectors[clock])
     names = [name for name, vector in vectors.items() if name != clock and len(vector) == len(time)]
+    for role in SIGNALS:
+        of_role = [name for name in vectors if rank_in_role(parse_header(name).name, role) is not None]
+        nearly = [name for name in of_role if len(time) / 2 < len(vectors[name]) < 2 * len(time)]
+        if nearly and not set(of_role) & set(names):
+            raise RecordingError(
+                f"{path.name}: {nearly[0]} has {len(vectors[nearly[0]])} samples and the time {clock} has {len(time)};"
+                " save vectors of one length"
+            )
     units = group.get("units", group.get("unit"))
     given = units if isinstance(units, Mapping) else {}
     return [Signal(_with_unit(name, _text(given.get(name))), vectors[name], time) for name in names]
@@ -277,6 +286,11 @@ def _clock(names: list[str]) -> str | None:
 
 def _with_unit(name: str, unit: str) -> str:
     return f"{name} [{unit.strip()}]" if unit.strip() and parse_header(name).unit_text is None else name
+
+
+def _with_length(name: str, value: Any) -> str:
+    vector = _vector(value)
+    return name if vector is None or len(vector) < MIN_ROWS else f"{name} of {len(vector)}"
 
 
 def _array(value: Any) -> FloatArray | None:

@@ -34,7 +34,7 @@ def is_xlsx(path: Path, head: bytes) -> bool:
     try:
         with zipfile.ZipFile(path) as archive:
             return "xl/workbook.xml" in archive.namelist()
-    except zipfile.BadZipFile:
+    except (zipfile.BadZipFile, NotImplementedError):  # the second: a version of ZIP that no program writes
         return path.suffix.lower() in (".xlsx", ".xlsm")
 
 
