@@ -92,6 +92,12 @@ def test_a_description_that_is_none_is_told(tmp_path, text, what):
         describe(archive(tmp_path / "bad.fmu", description=text))
 
 
+def test_a_description_without_variables_is_told(tmp_path):
+    text = XML.replace("ModelVariables", "Nothing")
+    with pytest.raises(FmuError, match=r"bad.fmu: modelDescription.xml has no ModelVariables, so nothing of it can"):
+        describe(archive(tmp_path / "bad.fmu", description=text))
+
+
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "iso-8859-1", "windows-1252"])
 def test_the_usual_encodings_are_read(tmp_path, encoding):
     text = declared_as(encoding.removesuffix("-sig").removesuffix("-le")) + "\n" + XML.replace('"m" guid', '"µ" guid')

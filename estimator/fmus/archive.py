@@ -56,7 +56,8 @@ def check_archive(path: Path) -> None:
 def check_description(path: Path) -> None:
     """Refuse a description with a document type: entities could expand without end, or reach files.
 
-    Nor may it be in an encoding in which a document type cannot be seen, or so large that reading it takes minutes.
+    Nor may it lack variables, be in an encoding in which a document type cannot be seen, or so large that reading it
+    takes minutes.
     """
     with zipfile.ZipFile(path) as archive:
         text = archive.read("modelDescription.xml")
@@ -74,6 +75,8 @@ def check_description(path: Path) -> None:
         text = text.replace(b"\0", b"")
     if b"fmiVersion" not in text:
         raise FmuError(f"{path.name}: modelDescription.xml says no fmiVersion, so it is no FMU")
+    if b"ModelVariables" not in text:
+        raise FmuError(f"{path.name}: modelDescription.xml has no ModelVariables, so nothing of it can be estimated")
     variables = text.count(b"valueReference")
     if variables > MAX_VARIABLES:
         raise FmuError(
