@@ -82,6 +82,17 @@ def test_recordings_may_be_taken_from_another_folder(folder, tmp_path):
         cases_of(folder, '[[recording]]\nfile = "motor_2.csv"\n', recordings=other)
 
 
+def test_a_table_whose_columns_no_comma_separates_may_have_decimal_commas(folder):
+    text = ROWS + '[expect]\nR = { value = "{R}", within = "{near}" }\n[fixed]\nload = "{load}"\n'
+    (folder / "motors.csv").write_text("serial;R;near;load\nA1;3,14;0,5 %;-1,5e-3\n")
+    (case,) = cases_of(folder, text)
+    assert (case.expect["R"].value, case.expect["R"].fraction) == (3.14, 0.005)
+    assert case.fixed == {"load": -1.5e-3}
+    (folder / "motors.csv").write_text('serial,R,near,load\nA1,3.14,1 %,"1,000"\n')
+    with pytest.raises(CaseError, match="load must be a number, not the text '1,000'"):  # a thousand, or one?
+        cases_of(folder, text)
+
+
 ROWS = '[motors]\nfile = "motors.csv"\n[[recording]]\nfile = "{serial}_1.csv"\n'
 WRONG = {
     "no match": (

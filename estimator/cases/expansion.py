@@ -34,7 +34,7 @@ def expanded(document: Document) -> Iterator[tuple[str, Document]]:
     motors = document.table().table("motors")
     motors.only(*MOTORS)
     file = motors.file("file", what="table of motors")
-    columns, rows = _table(motors, file)
+    columns, rows, decimal = _table(motors, file)
     name = motors.text("name", default=columns[0])
     if name not in columns:
         motors.fail(("name",), f"{file.name} has no column {name!r} ({', '.join(columns)})")
@@ -46,7 +46,7 @@ def expanded(document: Document) -> Iterator[tuple[str, Document]]:
         if motor in seen:
             motors.fail(("file",), f"{file.name} lines {seen[motor]} and {line} are both {motor!r}; each needs its own")
         seen[motor] = line
-        yield motor, document.filled(row, row=f"with {file.name} line {line}, {motor}")
+        yield motor, document.filled(row, row=f"with {file.name} line {line}, {motor}", decimal=decimal)
 
 
 def told_apart(files: Sequence[Path], *, stems: Sequence[str] = ()) -> list[str]:
@@ -59,8 +59,11 @@ def told_apart(files: Sequence[Path], *, stems: Sequence[str] = ()) -> list[str]
     return names
 
 
-def _table(motors: Table, file: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
-    """Read a CSV with a header; commas or semicolons; empty lines and lines that begin with # are left out."""
+def _table(motors: Table, file: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]], str]:
+    """Read a CSV with a header → its columns, rows and decimal mark: a comma may be one where none separates the cells.
+
+    Empty lines and lines that begin with # are left out.
+    """
     try:
         text = file.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError):
@@ -82,4 +85,4 @@ def _table(motors: Table, file: Path) -> tuple[list[str], list[tuple[int, dict[s
         if len(row) != len(columns):
             motors.fail(("file",), f"{file.name} line {line} has {len(row)} cells, the header {len(columns)}")
         rows.append((line, dict(zip(columns, (cell.strip() for cell in row), strict=True))))
-    return columns, rows
+    return columns, rows, "." if delimiter == "," else ","

@@ -116,7 +116,8 @@ def _read_tolerance(table: Table, key: str) -> tuple[float | None, float | None]
     """Return a tolerance as (fraction, None) or (None, absolute)."""
     given = table.value[key]
     if isinstance(given, str) and not (isinstance(given, Cell) and "%" not in given):
-        percent = re.fullmatch(r"\s*(\d+(?:\.\d*)?)(?:[eE]([-+]?\d{1,4}))?\s*%\s*", given, re.ASCII)
+        number = given.number if isinstance(given, Cell) else given
+        percent = re.fullmatch(r"\s*(\d+(?:\.\d*)?)(?:[eE]([-+]?\d{1,4}))?\s*%\s*", number, re.ASCII)
         fraction = float(f"{percent[1]}e{int(percent[2] or 0) - 2}") if percent else 0.0
         if not 0 < fraction < math.inf:
             table.fail((key,), f'{table.title}: {key} is {str(given)!r}; write {key} = "1 %" or a number')

@@ -22,7 +22,21 @@ Way = tuple[str | int, ...]  # the way to a value: ("parameters", "R", "min"), (
 
 
 class Cell(str):
-    """A cell of a table that was filled into the document: a text that may also be a number."""
+    """A cell of a table that was filled into the document: a text that may also be a number.
+
+    Attributes
+    ----------
+    number : the text, with a decimal point where the table has decimal commas
+    """
+
+    number: str
+
+    def __new__(cls, text: str, decimal: str = ".") -> Cell:
+        """Make a cell of a table whose numbers have this decimal mark, or a point."""
+        cell = super().__new__(cls, text)
+        has_comma = decimal == "," and re.fullmatch(r"[-+]?\d+,\d+([eE][-+]?\d+)?(\s*%)?", text, re.ASCII)
+        cell.number = text.replace(",", ".") if has_comma else text
+        return cell
 
 
 @dataclass(frozen=True)
@@ -218,10 +232,10 @@ class Document:
         row = f" ({self.row})" if self.row else ""
         raise CaseError(f"{self.path.name}{f' line {line}' if line else ''}{row}: {sentence}")
 
-    def filled(self, cells: Mapping[str, str], *, row: str) -> Document:
+    def filled(self, cells: Mapping[str, str], *, row: str, decimal: str = ".") -> Document:
         """Return the document with every ``{column}`` in its texts replaced by that column's cell.
 
-        A key whose whole text is one empty cell is left out.
+        A key whose whole text is one empty cell is left out. ``decimal`` is what numbers may have for a point.
 
         Raises
         ------
@@ -232,16 +246,16 @@ class Document:
         filled.path, filled.text, filled.row = self.path, self.text, row
         filled.content = {key: value for key, value in self.content.items() if key == "motors"}
         for key, value in self.content.items():
-            if key != "motors" and (new := self._filled(value, cells, (key,))) is not None:
+            if key != "motors" and (new := self._filled(value, cells, (key,), decimal)) is not None:
                 filled.content[key] = new
         return filled
 
-    def _filled(self, value: Any, cells: Mapping[str, str], way: Way) -> Any:
+    def _filled(self, value: Any, cells: Mapping[str, str], way: Way, decimal: str) -> Any:
         if isinstance(value, dict):
-            items = {key: self._filled(item, cells, (*way, key)) for key, item in value.items()}
+            items = {key: self._filled(item, cells, (*way, key), decimal) for key, item in value.items()}
             return {key: item for key, item in items.items() if item is not None}
         if isinstance(value, list):
-            items_ = [self._filled(item, cells, (*way, k)) for k, item in enumerate(value)]
+            items_ = [self._filled(item, cells, (*way, k), decimal) for k, item in enumerate(value)]
             return [item for item in items_ if item is not None]
         if not isinstance(value, str):
             return value
@@ -254,7 +268,7 @@ class Document:
 
         text = re.sub(r"\{([^{}]*)\}", cell, value)
         if text != value and re.fullmatch(r"\{[^{}]*\}", value):
-            return Cell(text) if text else None
+            return Cell(text, decimal) if text else None
         return text
 
     def _syntax(self, error: Exception) -> str:
@@ -304,7 +318,7 @@ def _number_of(value: Any) -> Any:
     if not isinstance(value, Cell):
         return value
     try:
-        return int(value) if re.fullmatch(r"[-+]?\d+", value, re.ASCII) else float(value)
+        return int(value) if re.fullmatch(r"[-+]?\d+", value, re.ASCII) else float(value.number)
     except ValueError:
         return value
 
