@@ -50,6 +50,15 @@ def test_seconds_that_last_for_hours_are_refused_with_the_unit_that_they_are_in(
     assert f"the time looks like {unit}; say so with --unit time={unit}" in out
 
 
+def test_samples_a_nanosecond_apart_are_refused_until_their_unit_is_said_again(write, capsys):
+    path = write("time [us],voltage [V],current [A],speed [rad/s]", rows=zip(T, V, I, W, strict=True))
+    status, out, _ = run(capsys, "estimate", path)
+    assert status == 1 and "0 simulations" in out
+    assert f"its samples are {1e-6 * (T[1] - T[0]):.4g} s apart" in out
+    for unit in ("s", "us"):
+        assert "apart" not in run(capsys, "check", path, "--unit", f"time={unit}")[1]
+
+
 def test_a_motor_that_follows_within_microseconds_is_doubted_until_its_unit_is_said_again(write, capsys):
     path = write("time [ms],voltage [V],current [A],speed [rad/s]", rows=zip(T, V, I, W, strict=True))
     assert (

@@ -35,6 +35,7 @@ SLOWEST = (30.0, 6.0)  # s, time constant of the speed
 SLOW_CLOCK = (1.0, 0.15)  # s, sampling interval at which the speed's way from level to level is seen
 NO_CLOCK = (10.0, 0.95)  # s, sampling interval
 US_CLOCK, US_CONSTANT = 250.0, 3000.0  # s: beyond, milliseconds would be as odd; a thousandfold, microseconds too
+LEAST_CLOCK = 2e-8  # s, sampling interval
 QUICKEST = 1e-4  # s, time constant of the speed: the least motors without iron take a millisecond
 SLOW_CURRENT = 0.5  # s from a step to the peak of the current; an inductance is over in some 20 ms
 DUTY = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 65535.0)  # largest values of a duty cycle: part, percent, counts
@@ -171,12 +172,20 @@ def current_unit(m: MeasuredSignals, *, is_volts: bool) -> Finding | None:
 def clock_unit(m: MeasuredSignals) -> Finding | None:
     """Find milliseconds, microseconds or nanoseconds that were read as seconds, and the reverse.
 
-    Of a step of many seconds, or a motor that takes an hour, no simulation comes to its end.
+    Of a step of many seconds, or a motor that takes an hour, no simulation comes to its end; of one of nanoseconds a
+    motor's response is too short to be told in numbers of double precision.
     """
     step = median(np.diff(m.time))
     assumed = "time" in m.guessed
     constant = _time_constant(m)
     peak = _time_to_peak(m)
+    if step < LEAST_CLOCK:
+        return Finding(
+            "unit time",
+            f"{m.title}: its samples are {step:.4g} s apart ({1 / step:.4g} Hz), as no motor's are: the unit of the"
+            " time looks too small; say it with --unit time=s, or say the unit again if it is right",
+            is_fatal=True,
+        )
     if 0 < constant < QUICKEST:
         return Finding(
             "unit time",
