@@ -117,16 +117,16 @@ def _substeps(plan: Plan, recording: Recording) -> int:
     if case.step is None:
         capable = plan.description.capabilities.get("canInterpolateInputs", False)
         return ON_LINES if case.linear and not capable else 1
+    steps = recording.step / case.step * len(recording.time)
+    if steps > MOST_STEPS:
+        raise CaseError(
+            f"the communication step {case.step:g} s makes {steps:.3g} steps of each simulation of {recording.title},"
+            f" more than {MOST_STEPS:,}; take a longer one, up to the sampling interval {recording.step:g} s"
+        )
     substeps = round(recording.step / case.step)
     if substeps < 1 or abs(recording.step / case.step - substeps) > 1e-6 * substeps:
         raise CaseError(
             f"the communication step {case.step:g} s does not divide the sampling interval {recording.step:g} s"
             f" of {recording.title}; take {recording.step:g} s or a whole fraction of it"
-        )
-    steps = substeps * len(recording.time)
-    if steps > MOST_STEPS:
-        raise CaseError(
-            f"the communication step {case.step:g} s makes {steps:.3g} steps of each simulation of {recording.title},"
-            f" more than {MOST_STEPS:,}; take a longer one, up to the sampling interval {recording.step:g} s"
         )
     return substeps
