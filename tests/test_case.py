@@ -347,8 +347,15 @@ COMPLAINTS = {
     "negative seed": (RECORDING + "[search]\nseed = -1\n", "line 4: search.seed must be at least 0, not -1"),
     "half a seed": (RECORDING + "[search]\nseed = 1.5\n", "line 4: search.seed must be a whole number, not 1.5"),
     "seed a boolean": (RECORDING + "[search]\nseed = true\n", "line 4: search.seed must be a whole number, not true"),
-    "one nest": (RECORDING + "[search]\nnests = 1\n", "line 4: search.nests must be at least 2, not 1"),
-    "no iterations": (RECORDING + "[search]\niterations = 0\n", "line 4: search.iterations must be at least 1, not 0"),
+    "too many nests": (
+        RECORDING + "[search]\nnests = 100000000000\n",
+        "line 4: search.nests must be 2 to 1000000, not 100000000000",
+    ),
+    "one nest": (RECORDING + "[search]\nnests = 1\n", "line 4: search.nests must be 2 to 1000000, not 1"),
+    "no iterations": (
+        RECORDING + "[search]\niterations = 0\n",
+        "line 4: search.iterations must be 1 to 1000000, not 0",
+    ),
     "within a text": (
         RECORDING + '[expect]\nR = { value = 1, within = "one percent" }\n',
         "line 4: expect.R: within is 'one percent'; write within = \"1 %\" or a number",

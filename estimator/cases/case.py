@@ -50,6 +50,7 @@ from estimator.recordings.filters import Chebyshev1
 
 FMI_KINDS = ("co-simulation", "model-exchange")
 LOSSES = ("linear", "huber")
+MOST_SEARCHED = 1_000_000  # nests, and generations: more are a slip, and nests are held in memory
 BUNDLED_FMU = "dc_motor"
 __all__ = ["METHODS", "Chebyshev1", "Expectation", "OutputSpec", "RunSpec"]  # of others, for who takes a case
 
@@ -379,8 +380,8 @@ SEARCH = Keys(
     SearchSpec,
     method=keys.choice(METHODS),
     seed=keys.whole("of the random numbers", minimum=0),
-    nests=keys.whole("candidates a generation", minimum=2),
-    iterations=keys.whole("generations", minimum=1),
+    nests=keys.whole("candidates a generation", minimum=2, maximum=MOST_SEARCHED),
+    iterations=keys.whole("generations", minimum=1, maximum=MOST_SEARCHED),
     loss=keys.choice(LOSSES, "huber: outliers pull less"),
     starts=STARTS,
 )
