@@ -23,6 +23,7 @@ from estimator.cases.case_signals import OutputSpec
 from estimator.cli import main
 from estimator.errors import CaseError, InputError, RecordingError
 from estimator.estimating.estimate import estimate_recordings
+from estimator.explaining.explanation_noise import count_deviations
 from estimator.fitting.winding_temperature import warmth
 from estimator.fmus.fmu import describe
 from estimator.plans.input_gaps import between_changes, complete
@@ -260,6 +261,12 @@ def test_a_declared_quantum_is_its_noise():
     plans = [plan_case(with_outputs(w=spec), describe("dc_motor"), recordings=[recorded(RUN)]) for spec in ({}, SEEN)]
     plain, declared = (output_deviations(plan)["w"][0] for plan in plans)
     assert plain < 1.5 and declared == pytest.approx(SEEN["quantum"] / np.sqrt(12))
+
+
+def test_a_declared_quantum_is_the_step_of_counts_that_a_channel_differences():
+    case = with_outputs(w={**SEEN, "sensor": "mean"})
+    plan = plan_case(case, describe("dc_motor"), recordings=[recorded(RUN)])
+    assert count_deviations(plan)[plan.outputs.index("w")] == pytest.approx(SEEN["quantum"] / np.sqrt(12))
 
 
 def test_a_declared_quantum_is_in_the_standard_errors():

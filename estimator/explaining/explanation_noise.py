@@ -23,7 +23,6 @@ from estimator.noise.noise_growth import noise_of_neighbours
 from estimator.noise.noise_model import NoiseModel
 from estimator.noise.noise_of_each import with_noise_of_each
 from estimator.plans.plan import Plan
-from estimator.recordings.quantum import quantum
 from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
@@ -37,7 +36,7 @@ def count_deviations(plan: Plan) -> FloatArray:
     found = np.zeros(len(plan.outputs))
     for k, y in enumerate(plan.outputs):
         if plan.sensors[y] == layout.MEAN:
-            found[k] = max(quantum(o.outputs[y]) for o in plan.observed) / STEP_DEVIATION
+            found[k] = max(plan.resolution(o, y) for o in plan.observed) / STEP_DEVIATION
     return found
 
 

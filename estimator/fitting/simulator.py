@@ -27,8 +27,7 @@ from estimator.fmus.workers import Workers
 from estimator.noise.clock import Clock, interval_shown
 from estimator.noise.recursion import Sections, behind
 from estimator.plans.parameters import Box, Parameter, SensorPlace, scaled, unscaled
-from estimator.plans.plan import ChainSpec, Observed, Plan
-from estimator.recordings.quantum import quantum
+from estimator.plans.plan import Observed, Plan
 
 FloatArray = NDArray[np.float64]
 SUBSTEPS = 4  # rows that are simulated for one where a filter acts between them
@@ -194,9 +193,7 @@ class Simulator:
     @cached_property
     def steps_of_each(self) -> FloatArray:
         """The same of each recording, (n, q): as declared, or as the data show it."""
-        declared = [self.plan.chains.get(y, ChainSpec()).quantum for y in self.outputs]
-        outputs = list(zip(self.outputs, declared, strict=True))
-        return np.array([[step or quantum(o.outputs[y]) for y, step in outputs] for o in self.observed])
+        return np.array([[self.plan.resolution(o, y) for y in self.outputs] for o in self.observed])
 
     @cached_property
     def coarse(self) -> NDArray[np.bool_]:

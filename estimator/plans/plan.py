@@ -16,6 +16,7 @@ from estimator.plans.parameters import Parameter, SensorPlace
 from estimator.recordings.excitation import Excitation
 from estimator.recordings.filters import Filter, filter_sections
 from estimator.recordings.finding import Finding
+from estimator.recordings.quantum import quantum
 from estimator.recordings.recording import Recording
 from estimator.recordings.sensors import Section
 from estimator.recordings.signal_noise import is_measured
@@ -195,6 +196,10 @@ class Plan:
         """Return the largest size of an output or input in the recordings, SI; 0 where there is none."""
         signals = [{**o.inputs, **o.outputs}.get(signal) for o in self.observed]
         return max((float(np.nanmax(np.abs(x))) for x in signals if x is not None), default=0.0)
+
+    def resolution(self, o: Observed, output: str) -> float:
+        """Return the step of the quantisation of an output in a recording, SI: as declared, or as its data show it."""
+        return self.chains.get(output, ChainSpec()).quantum or quantum(o.outputs[output])
 
     @property
     def has_levels(self) -> bool:

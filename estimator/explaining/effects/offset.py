@@ -17,7 +17,6 @@ from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.simulator import per_recording
 from estimator.motor.names import has_motor
 from estimator.plans.plan import Observed, Plan
-from estimator.recordings.quantum import quantum
 from estimator.recordings.signal_noise import noise_deviation
 
 FloatArray = NDArray[np.float64]
@@ -38,8 +37,10 @@ class Offset(Effect):
         A speed whose noise is larger than its steps is a tachometer's behind a converter, unless it rests at none.
         """
         plan = fit.simulator.plan
+        if "w" not in plan.outputs:
+            return self.of_each_output(fit)
         named = zip(plan.observed, per_recording(plan, "offset w"), strict=True)
-        counted = {name for o, name in named if "w" in o.outputs and _is_counted(o.outputs["w"])}
+        counted = {name for o, name in named if _is_counted(o.outputs["w"], plan.resolution(o, "w"))}
         return [group for group in self.of_each_output(fit) if group.name not in counted]
 
     def of_each_output(self, fit: Fit) -> Sequence[Linear]:
@@ -99,6 +100,6 @@ def _stays_off_zero(o: Observed, output: str) -> bool:
     return abs(float(np.mean(y))) > SEEN * error and falls < SAME * 2 * error
 
 
-def _is_counted(speed: FloatArray) -> bool:
+def _is_counted(speed: FloatArray, step: float) -> bool:
     """Whether a speed, (n,), is that of an encoder's counts, which a logger may have put on lines between its rows."""
-    return quantum(speed) > noise_deviation(speed) or (len(speed) > REST and not speed[:REST].any())
+    return step > noise_deviation(speed) or (len(speed) > REST and not speed[:REST].any())

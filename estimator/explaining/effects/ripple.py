@@ -28,7 +28,6 @@ from estimator.fitting.motor_response import motor_values
 from estimator.fitting.shaft_angle import HIGHEST_ORDER
 from estimator.fitting.windows import find_windows
 from estimator.plans.part import LONG
-from estimator.recordings.quantum import quantum
 from estimator.recordings.samples import median
 
 FloatArray = NDArray[np.float64]
@@ -71,7 +70,7 @@ class Ripple(ShaftOrder):
             near = power[[k for k in around if abs(k - order + 1) > ORDERS_BESIDE and k + 1 not in taken]]
             if best < STANDS_OUT * median(near[near > 0]) if np.any(near > 0) else True:
                 continue
-            coarse = max(quantum(o.outputs[y]) for o in fit.simulator.observed)
+            coarse = float(fit.simulator.steps[j])
             if coarse > 0 and self._amplitude(power[order - 1], z[:, j], level, fit, j) < LEAST_QUANTA * coarse:
                 continue  # the beat of the encoder's lines with the clock
             line, test = Linear(f"ripple {y} {order}", np.zeros((*z.shape, 0)), self.units(fit, y)), fit.test()
