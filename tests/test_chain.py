@@ -396,6 +396,13 @@ def test_recordings_of_one_name_are_told_apart(several):
     near(result.chain["delay run 2"], late[2])
 
 
+def test_a_copy_of_a_recording_is_told():
+    recordings = [recorded(RUN, name="up"), recorded(RUN, name="up (copy)"), recorded(RUN, name="again", seed=2)]
+    plan = plan_case(with_outputs(), describe("dc_motor"), recordings=recordings)
+    told = [note for note in plan.notes if "same samples" in note]
+    assert told == ["up (copy) holds the same samples as up: the standard errors count them twice"]
+
+
 def test_what_is_said_of_recordings_travels_to_other_processes():
     run = RunSpec(window=(0.1, 0.2), scale={"i": -1.0}, offset={"w": 2.0}, delay="free")
     case = Case(runs=(run,), products={"v": "supply"}, outputs={"w": OutputSpec("n", filter=FILTERS["elliptic"][0])})

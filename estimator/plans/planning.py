@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from estimator.cases.case import Case, RunSpec
 from estimator.cases.expansion import told_apart
@@ -82,7 +85,7 @@ def plan_case(
         fixed=binding.fixed,
         sensors=sensors,
         guess=guess,
-        notes=(*held_parameters(binding), *(note for o in observed for note in o.notes)),
+        notes=(*held_parameters(binding), *_copies(observed), *(note for o in observed for note in o.notes)),
         chains=_chains(binding, observed),
         declared=_declared(binding, runs),
         wanted=_wanted(binding, runs),
@@ -104,6 +107,19 @@ def _check_held_out(recordings: Sequence[Recording], runs: Sequence[RunSpec]) ->
     for recording, key, run in zip(recordings, whole, runs, strict=True):
         if run.validate and recording.path is not None and key in fitted:
             raise CaseError(f"{recording.title} is fitted to, so it cannot validate the fit; give another recording")
+
+
+def _copies(observed: Sequence[Observed]) -> list[str]:
+    """Say which recordings hold the samples of one before them."""
+    found, seen = [], dict[bytes, str]()
+    for o in observed if len(observed) > 1 else ():
+        content = hashlib.sha256()
+        for signal in (*o.inputs.values(), *o.outputs.values()):
+            content.update(np.ascontiguousarray(signal).data)
+        first = seen.setdefault(content.digest(), o.recording.title)
+        if first != o.recording.title:
+            found.append(f"{o.recording.title} holds the same samples as {first}: the standard errors count them twice")
+    return found
 
 
 def _told_apart(recordings: Sequence[Recording]) -> Sequence[Recording]:
