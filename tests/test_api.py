@@ -155,6 +155,20 @@ def test_an_input_that_is_not_as_long_as_the_times_is_told(v, shape):
         estimator.simulate_fmu("dc_motor", times=np.arange(200) * 1e-3, inputs={"v": v})
 
 
+@pytest.mark.parametrize(
+    ("times", "parameters", "sentence"),
+    [
+        ([], {}, "a simulation needs at least two times"),
+        (np.arange(20) * 1e-3, {"R": "3"}, "R = '3' is no finite number"),
+        (np.arange(20) * 1e-3, {"R": np.nan}, "R = nan is no finite number"),
+        (np.arange(20) * 1e-3, {"R": -1.0}, "R = -1 is outside the range 1e-06 to 1e+06 that dc_motor.fmu allows"),
+    ],
+)
+def test_what_no_simulation_takes_is_told(times, parameters, sentence):
+    with pytest.raises(estimator.InputError, match=re.escape(sentence)):
+        estimator.simulate_fmu("dc_motor", times=times, parameters=parameters)
+
+
 @pytest.mark.parametrize("formats", [["matlab", "octave"], "csv"])
 def test_a_format_that_there_is_not_is_told(formats, result, tmp_path):
     """Each was taken for the rebuilt FMU: of "csv" each letter."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import numbers
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -115,9 +117,10 @@ def _parameter(description: FmuDescription, name: str, value: float) -> Variable
         raise FmuError(
             f"{description.path.name} has no parameter {name!r}{suggestion(name, [v.name for v in parameters])}"
         )
-    low, high = variable.minimum, variable.maximum
-    if (low is not None and value < low) or (high is not None and value > high):
-        raise InputError(f"{name} = {value:g} is outside the range {low} to {high} that {description.path.name} allows")
+    if not isinstance(value, numbers.Real) or not math.isfinite(value):
+        raise InputError(f"{name} = {value!r} is no finite number")
+    if reach := variable.reach_without(value):
+        raise InputError(f"{name} = {value:g} is outside the range {reach} that {description.path.name} allows")
     if not variable.is_real and (variable.type == "String" or value != round(value)):
         raise FmuError(f"{name} of {description.path.name} is {variable.type}; {value:g} is no value for it")
     return variable
@@ -131,10 +134,11 @@ def _experiment(
     *,
     outputs: int,
 ) -> Experiment:
+    interval = _step(times)
     columns = [_own(v, _over(times, v.name, inputs[v.name])) for v in driven]
     return Experiment(
         start=float(times[0]) or description.default_experiment["start_time"] or 0.0,
-        interval=_step(times),
+        interval=interval,
         substeps=1,
         inputs=np.column_stack(columns) if columns else np.empty((len(times), 0)),
         measured=np.zeros((len(times), outputs)),

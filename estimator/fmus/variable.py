@@ -56,7 +56,7 @@ class Variable:
         low, high = self.minimum, self.maximum
         if (low is None or value >= low) and (high is None or value <= high):
             return ""
-        return f"{'any' if low is None else f'{low:g}'} to {'any' if high is None else f'{high:g}'}"
+        return reach(low, high)
 
     @property
     def is_settable(self) -> bool:
@@ -65,6 +65,11 @@ class Variable:
             return True
         variable = self.causality in ("local", "output") and self.variability != "constant"
         return variable and self.initial in ("", "exact", "approx") and self.start is not None
+
+
+def reach(low: float | None, high: float | None) -> str:
+    """Return a range in words, "0.001 to any"."""
+    return f"{'any' if low is None else f'{low:g}'} to {'any' if high is None else f'{high:g}'}"
 
 
 def base_of(unit: Any) -> Base | None:

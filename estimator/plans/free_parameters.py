@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.cases.case import ParameterSpec
 from estimator.errors import InputError
-from estimator.fmus.variable import Variable
+from estimator.fmus.variable import Variable, reach
 from estimator.motor.integral_least_squares import integral_estimate, sane, speed_estimate
 from estimator.motor.names import MOTOR
 from estimator.plans.binding import Binding
@@ -134,7 +134,7 @@ def _parameter(spec: ParameterSpec, binding: Binding, guess: Mapping[str, float]
     if (low is not None and lower < low) or (high is not None and upper > high):
         raise InputError(
             f"parameter {name!r}: the bounds {lower:g} to {upper:g} leave the range"
-            f" {low} to {high} that {binding.description.path.name} allows"
+            f" {reach(low, high)} that {binding.description.path.name} allows"
         )
     return Parameter(
         name=name,
