@@ -13,6 +13,7 @@ import estimator
 from estimator.errors import RecordingError
 from estimator.recordings.in_memory import recording_from_table
 from estimator.recordings.read_as import ReadAs
+from estimator.recordings.reading import recording_from_arrays
 from estimator.results.report_tables import derived_table
 from estimator.results.shown_result import Result
 
@@ -37,6 +38,12 @@ TABLES = {
     "pandas with an index": (pd.DataFrame(COLUMNS).set_index("time [s]"), None),
     "pandas with dates": (pd.DataFrame({**COLUMNS, "time [s]": STAMPS}).rename(columns={"time [s]": "time"}), None),
     "pandas with an index of dates": (pd.DataFrame(COLUMNS, index=STAMPS).drop(columns="time [s]"), None),
+    "pandas with dates of a time zone": (
+        pd.DataFrame({**PLAIN, "time": pd.DatetimeIndex(STAMPS).tz_localize("UTC")}),
+        {"speed": "rpm"},
+    ),
+    "texts of dates": ({**PLAIN, "time": [str(stamp) for stamp in STAMPS]}, {"speed": "rpm"}),
+    "durations of Python": ({**PLAIN, "time": (STAMPS - STAMPS[0]).tolist()}, {"speed": "rpm"}),
     "polars": (pl.DataFrame(COLUMNS), None),
     "polars with durations": (pl.DataFrame({**PLAIN, "time": STAMPS - STAMPS[0]}), {"speed": "rpm"}),
     "a column of text": (pd.DataFrame({**COLUMNS, "note": ["x"] * N}), None),
@@ -54,6 +61,16 @@ def test_none_and_null_are_missing_samples():
     for table in ({**COLUMNS, "current [A]": current}, pl.DataFrame({**COLUMNS, "current [A]": current})):
         found = recording_from_table("table", table).signal("current")
         assert np.flatnonzero(np.isnan(found)).tolist() == [7]
+
+
+def test_dates_and_masked_samples_of_arrays_are_read():
+    signals = {name: x for name, x in COLUMNS.items() if name != "time [s]"}
+    check(recording_from_arrays("arrays", STAMPS, signals))
+    masked = np.ma.masked_array(CURRENT, np.arange(N) == 7)
+    found = recording_from_arrays("arrays", TIME, {**signals, "current [A]": masked}).signal("current")
+    assert np.flatnonzero(np.isnan(found)).tolist() == [7]
+    with pytest.raises(RecordingError, match=r"'current \[A\]' is not an array of numbers"):
+        recording_from_arrays("arrays", TIME, {**signals, "current [A]": CURRENT + 0j})
 
 
 @pytest.mark.parametrize(

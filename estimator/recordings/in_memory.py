@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from estimator.errors import RecordingError
+from estimator.recordings.array_values import array_values
 from estimator.recordings.columns import Columns
 from estimator.recordings.headers import parse_header, role_of
 from estimator.recordings.made_columns import with_made_columns
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.reading import recording_from_columns
 from estimator.recordings.recording import Recording
-from estimator.recordings.units import FloatArray
 
 
 def is_table(thing: object) -> bool:
@@ -57,7 +57,7 @@ def recording_from_table(name: str, table: Any, read_as: ReadAs = AS_WRITTEN) ->
         unit = kept.get(header)
         if unit is not None and parse_header(header).unit_text is None:
             header = f"{header} [{unit}]"
-        values, is_clock = _numbers(column)
+        values, is_clock = array_values(column)
         if values is None:
             held[header] = "text"
             values = np.full(len(column), np.nan)
@@ -73,18 +73,3 @@ def recording_from_table(name: str, table: Any, read_as: ReadAs = AS_WRITTEN) ->
             )
     recording = recording_from_columns(name, Columns(tuple(headers), tuple(arrays), held), read_as=read_as)
     return with_made_columns(recording, read_as)
-
-
-def _numbers(column: Any) -> tuple[FloatArray | None, bool]:
-    """Return a column as numbers, None if it holds none, and whether they are seconds."""
-    array = np.asarray(column)
-    if array.dtype.kind in "mM":
-        ticks = array.astype(f"{'timedelta64' if array.dtype.kind == 'm' else 'datetime64'}[ns]")
-        since = (ticks - ticks[:1]).astype(np.float64) / 1e9
-        return np.where(np.isnat(ticks), np.nan, since), True
-    if array.dtype.kind in "biuf":
-        return array.astype(np.float64), False
-    try:
-        return np.array([np.nan if cell is None else float(cell) for cell in array.tolist()], dtype=np.float64), False
-    except (TypeError, ValueError):
-        return None, False

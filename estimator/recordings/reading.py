@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import numpy.typing as npt
 
 from estimator.errors import RecordingError
+from estimator.recordings.array_values import array_values
 from estimator.recordings.columns import Columns
 from estimator.recordings.from_raw import recording_of, timed
 from estimator.recordings.raw_table import RawTable, check_finite, raw_columns, raw_table
@@ -96,7 +96,7 @@ def recording_from_arrays(
     name
         What messages call it.
     time
-        (n,) s, increasing in equal steps.
+        (n,) s, increasing; or dates, which become seconds since the first.
     signals
         Header → (n,) samples in the header's unit, as ``{"voltage [V]": v, "speed [rpm]": n}``; NaN is a
         missing sample.
@@ -118,10 +118,10 @@ def recording_from_arrays(
     texts = ["time [s]", *signals]
     columns: list[FloatArray] = []
     for text, values in zip(texts, (time, *signals.values()), strict=True):
-        try:
-            columns.append(np.array(values, dtype=np.float64))
-        except (ValueError, TypeError):
-            raise RecordingError(f"{name}: {text!r} is not an array of numbers; give one float per sample") from None
+        numbers, _ = array_values(values)
+        if numbers is None:
+            raise RecordingError(f"{name}: {text!r} is not an array of numbers; give one float per sample")
+        columns.append(numbers)
     for text, column in zip(texts, columns, strict=True):
         if column.ndim != 1 or column.shape != columns[0].shape:
             raise RecordingError(
