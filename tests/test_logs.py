@@ -237,7 +237,7 @@ def test_units_after_underscores_are_read(write, column, factor):
 
 def test_a_wheel_s_speed_needs_the_metres_of_a_turn(write, capsys):
     path = write("t,u,i,speed [m/s]", T, V, I, W * 0.16 / (2 * np.pi))
-    refused(path, "'m/s' is no unit of angular speed")
+    refused(path, "rev/s, or say with --per-turn how many metres a turn goes")
     recording = one(path, per_turn=0.16)
     np.testing.assert_allclose(recording.signals["speed"], W, atol=1e-6)
     assert understood(recording, motor_columns(recording))[2].text() == "w ← speed [m/s], 0.16 m a turn"
@@ -283,6 +283,8 @@ def test_a_duty_cycle_times_its_supply_is_the_voltage(write, header, duty, suppl
         ),
         ("t,pwm,i,w", "12/x", "--supply 12/x: 'x' is not a number; write 12, 12/255 or battery/255"),
         ("t,pwm,i,w", "12/0", "--supply 12/0: '0' is not above 0"),
+        ("t,pwm,i,w", "0", "--supply 0: a supply has volts; write 12, 12/255 or battery/255"),
+        ("t,pwm,i,w", "nan", "--supply nan: a supply has volts"),
         ("t,pwm,i,w", "akku", "log.csv has no column 'akku'"),
         ("t,x,i,w", "12", "log.csv has no duty cycle (x, i, w); say which column it is, with --column v=…"),
     ],

@@ -205,8 +205,10 @@ def _supply(recording: Recording, text: str) -> tuple[FloatArray | float, str]:
             ) from None
         volts = recording.signals[recording.column(name)]
         name = recording.headers[recording.column(name)]
-    if not full > 0:
+    if not 0 < full < math.inf:
         raise RecordingError(f"--supply {text}: {counts!r} is not above 0; write 12, 12/255 or battery/255")
+    if isinstance(volts, float) and not 0 < abs(volts) < math.inf:
+        raise RecordingError(f"--supply {text}: a supply has volts; write 12, 12/255 or battery/255")
     return volts / full, f"{name}{slash}{counts if slash else ''}" + (" V" if isinstance(volts, float) else "")
 
 
