@@ -89,6 +89,18 @@ def stopping_after(count):
     return run
 
 
+def test_a_batch_that_is_interrupted_before_its_first_case_names_no_folder(tmp_path, monkeypatch, capsys):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("estimator.batches.batch.run_batch", interrupted)
+    (tmp_path / "run.csv").write_text("")
+    for folder, said in (("none", "no case was begun"), (".", "what is done is in ., go on with --resume")):
+        monkeypatch.chdir(tmp_path)
+        assert main(["batch", "run.csv", "-o", folder]) == 130
+        assert capsys.readouterr().err == f"fmu-estimator: interrupted; {said}\n"
+
+
 @pytest.mark.parametrize("done", [0, 1, 4])
 def test_an_interrupted_batch_goes_on_with_what_is_missing_and_ends_in_the_same_table(done, cases, tmp_path):
     run_batch(cases, tmp_path / "whole", made_up)

@@ -49,7 +49,8 @@ def batch(args: argparse.Namespace) -> int:
             how: dict[str, Any] = {"resume": args.resume, "parquet": args.parquet, "command": _batch_command(args)}
             result = run_batch(cases, folder, _runner(args), progress=show, **how)
     except KeyboardInterrupt:
-        complain(f"interrupted; what is done is in {folder}, go on with --resume")
+        done = f"what is done is in {folder}, go on with --resume" if folder.is_dir() else "no case was begun"
+        complain(f"interrupted; {done}")
         return INTERRUPTED
     from estimator.batches.gauge import statistics_text
 
