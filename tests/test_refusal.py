@@ -8,7 +8,7 @@ import pytest
 from driven_motor import DrivenMotor
 from motors import CML050, RMCS2004, Motor, held_response, recording_of, step_recording
 
-from estimator.cases.case import OutputSpec, ParameterSpec
+from estimator.cases.case import OutputSpec, ParameterSpec, RunSpec
 from estimator.estimating.estimate import estimate_recordings
 from estimator.explaining.adequacy import Failure
 from estimator.fmus.fmu import describe
@@ -77,6 +77,13 @@ def test_a_speed_of_the_wrong_sign_knows_where_it_goes_against_the_voltage(case_
     result = refused(case_of, made(good[0], good[1] * [1, -1]), "the speed goes against the voltage")
     ((place,),) = [reason.places for reason in result.reasons]
     assert place.signal == "w" and 0.3 < place.start < 0.32 and place.end == pytest.approx(1.499)
+
+
+def test_a_sign_that_a_factor_turned_is_not_to_be_turned_by_it(case_of, good):
+    turned = dataclasses.replace(case_of(), runs=(RunSpec(scale={"i": -1.0}),))
+    result = run(turned, made(*good))
+    assert result.verdict == "refused"
+    assert result.reasons[0].endswith("(or of the voltage); leave out the factor that turns i")
 
 
 def test_a_current_that_is_saturated_nearly_everywhere(case_of, good):

@@ -62,7 +62,7 @@ def plan_case(
     read = [within(case, recording, run) for recording, run in zip(named, runs, strict=True)]
     binding = bind(case, description, read)
     observed = tuple(
-        with_reading(binding, channels, observe(binding, channels, recording, run))
+        with_reading(binding, channels, observe(binding, channels, recording, run), scale=run.scale)
         for channels, recording, run in zip(binding.channels, read, runs, strict=True)
     )
     observed = without_clipped(binding, observed)

@@ -25,8 +25,13 @@ MOTOR_SIGNALS = ("v", "i", "w", "angle")
 MOST_SATURATED = 0.3  # of a recording's samples: with more there is nothing to estimate from
 
 
-def with_reading(binding: Binding, channels: Channels, observed: Observed) -> Observed:
-    """Return what was observed with what was read of it, and of a motor with what is implausible."""
+def with_reading(binding: Binding, channels: Channels, observed: Observed, *, scale: Mapping[str, float]) -> Observed:
+    """Return what was observed with what was read of it, and of a motor with what is implausible.
+
+    Parameters
+    ----------
+    scale : channel or column → factor that its samples were multiplied with
+    """
     recording = observed.recording
     columns = {**channels.inputs, **channels.outputs}
     read = tuple(_as_product(binding, recording, columns, r) for r in understood(recording, columns))
@@ -37,7 +42,8 @@ def with_reading(binding: Binding, channels: Channels, observed: Observed) -> Ob
     beside = motor_columns(recording, required=()).get("angle")
     if beside is not None and "angle" not in signals:
         signals["angle"] = recording.signals[beside]
-    findings = implausible_as_read(recording.title, recording.time, signals, read)
+    turned = frozenset(n for n, column in columns.items() if scale.get(n, scale.get(column, 1.0)) < 0)
+    findings = implausible_as_read(recording.title, recording.time, signals, read, turned=turned)
     if "friction" in binding.parameters:
         findings = tuple(finding for finding in findings if finding.kind != "dead band")
     return dataclasses.replace(observed, read=read, findings=findings)

@@ -35,7 +35,7 @@ def wrong_signs(m: MeasuredSignals) -> list[Finding]:
             Finding(
                 "sign v",
                 f"{m.title}: current and speed both go against the voltage, so the motor would brake all the"
-                " time: check the sign of the voltage; --scale v=-1 turns it",
+                f" time: check the sign of the voltage; {_turning(m, 'v')}",
                 is_fatal=True,
                 evidence=tuple(_against(m, name) for name in against),
             )
@@ -46,12 +46,16 @@ def wrong_signs(m: MeasuredSignals) -> list[Finding]:
         Finding(
             f"sign {name}",
             f"{m.title}: the {title[name]} goes against the voltage, so {meaning[name]}: check the sign of the"
-            f" {title[name]} (or of the voltage); --scale {name}=-1 turns it",
+            f" {title[name]} (or of the voltage); {_turning(m, name)}",
             is_fatal=True,
             evidence=(_against(m, name),),
         )
         for name in against
     ]
+
+
+def _turning(m: MeasuredSignals, name: str) -> str:
+    return f"leave out the factor that turns {name}" if name in m.turned else f"--scale {name}=-1 turns it"
 
 
 def exchanged_columns(m: MeasuredSignals) -> Finding | None:

@@ -32,6 +32,7 @@ class MeasuredSignals:
     guessed : those of them, and "time", whose unit nobody said
     columns : signal → header of its column, for the options that are named
     units : signal → unit that its samples were in
+    turned : those of them whose sign the user has turned
     """
 
     title: str
@@ -40,6 +41,7 @@ class MeasuredSignals:
     guessed: frozenset[str] = frozenset()
     columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
+    turned: frozenset[str] = frozenset()
 
     @property
     def small_units(self) -> set[str]:

@@ -29,13 +29,18 @@ FloatArray = NDArray[np.float64]
 
 
 def implausible_as_read(
-    title: str, time: FloatArray, signals: Mapping[str, FloatArray], read: Sequence[Understood]
+    title: str,
+    time: FloatArray,
+    signals: Mapping[str, FloatArray],
+    read: Sequence[Understood],
+    *,
+    turned: frozenset[str] = frozenset(),
 ) -> tuple[Finding, ...]:
     """Find what of a motor's signals cannot be as it was read, by what is known of how.
 
     Parameters
     ----------
-    title, time, signals : as `MeasuredSignals`
+    title, time, signals, turned : as `MeasuredSignals`
     """
     measured = MeasuredSignals(
         title,
@@ -44,6 +49,7 @@ def implausible_as_read(
         guessed=frozenset(r.signal for r in read if r.is_guess),
         columns={r.signal: r.column for r in read},
         units={r.signal: r.unit for r in read},
+        turned=turned,
     )
     return implausible(measured, sure=frozenset(r.signal for r in read if r.unit_from == "user"))
 
