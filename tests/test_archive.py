@@ -98,6 +98,26 @@ def test_a_description_without_variables_is_told(tmp_path):
         describe(archive(tmp_path / "bad.fmu", description=text))
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        (
+            "<ModelVariables>",
+            '<ModelVariables><ScalarVariable name="x" valueReference="0"/>',
+            "a variable of it has no type",
+        ),
+        (
+            "<ModelStructure/>",
+            '<ModelStructure><Outputs><Unknown index="7"/></Outputs></ModelStructure>',
+            "its ModelStructure names a variable that is not there",
+        ),
+    ],
+)
+def test_a_description_that_contradicts_itself_is_told(tmp_path, old, new, what):
+    with pytest.raises(FmuError, match=f"bad.fmu: modelDescription.xml cannot be read: {what}$"):
+        describe(archive(tmp_path / "bad.fmu", description=XML.replace(old, new)))
+
+
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "iso-8859-1", "windows-1252"])
 def test_the_usual_encodings_are_read(tmp_path, encoding):
     text = declared_as(encoding.removesuffix("-sig").removesuffix("-le")) + "\n" + XML.replace('"m" guid', '"µ" guid')

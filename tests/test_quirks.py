@@ -379,6 +379,12 @@ def test_a_description_that_fails_validation_is_a_warning(tmp_path, recording, c
     assert "What the validation found" in capsys.readouterr().out
 
 
+def test_a_start_that_is_no_number_does_not_stop_an_estimate(tmp_path, recording):
+    change = [('(valueReference="0"[^>]*><Real unit="Ohm"[^>]*) start="[^"]*"', r'\1 start="cold"')]
+    fmu = foreign_fmu(tmp_path, change=change)
+    assert worst(estimated(fmu, recording)) < 1e-8
+
+
 def test_limits_that_contradict_themselves_are_a_warning(tmp_path, recording, capsys):
     change = [
         ('(valueReference="0"[^>]*><Real unit="Ohm")', r'\1 min="8" max="0.5"'),

@@ -41,7 +41,7 @@ class CandidateValues:
         self._gain /= np.array([v.factor for v in taken])
         taken_nowhere = self._column < 0  # of a recording that no parameter is for: as the FMU begins
         self._gain[taken_nowhere] = 0.0
-        starts = [float(v.start or 0.0) for v in taken]
+        starts = [v.start if isinstance(v.start, float) else 0.0 for v in taken]
         self._shift = np.where(taken_nowhere, starts, [-v.offset / v.factor for v in taken])
         self._constant = np.array([(plan.fixed[n] - v.offset) / v.factor for n, v in held.items()])
         is_plain = (

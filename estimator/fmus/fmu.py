@@ -21,6 +21,10 @@ from estimator.fmus.archive import check_archive, check_description
 from estimator.fmus.variable import Variable, base_of, limit_of, number_of, start_of, variable_of
 
 NAMES_SHOWN = 3  # in one sentence
+MEANT = {  # by what fmpy stumbles over
+    IndexError: "its ModelStructure names a variable that is not there",
+    UnboundLocalError: "a variable of it has no type",
+}
 
 # FMI 2.0.4 and 3.0.2, section 2.2.9 and 2.4.7.5.1: the grammar of names.
 _QUOTED = r"""'(?:[^'\\"\x00-\x1f]|\\['"?\\abfnrtv])+'"""
@@ -173,7 +177,8 @@ def _read_anew(path: Path, *, validate: bool, bundled: bool) -> FmuDescription:
     except FmuError:
         raise
     except Exception as error:  # fmpy raises many kinds; each means that the description cannot be read
-        raise FmuError(f"{path.name}: modelDescription.xml cannot be read: {one_line(error)}") from error
+        words = MEANT.get(type(error), one_line(error))
+        raise FmuError(f"{path.name}: modelDescription.xml cannot be read: {words}") from error
 
 
 def _is_name(fmu: str | Path) -> bool:
