@@ -263,7 +263,7 @@ def _endpoint(service: Service, work: Work) -> Callable[[Request], Any]:
             if work is not _upload:
                 try:
                     body = json.loads(body or b"{}")
-                except ValueError:
+                except (ValueError, RecursionError):
                     raise HTTPException(400, "the request is no JSON") from None
         try:
             made = await run_in_threadpool(work, service, request, body)

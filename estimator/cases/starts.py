@@ -81,7 +81,7 @@ def _of_result(path: Path, text: str) -> dict[str, float]:
     try:
         parameters = json.loads(text)["parameters"]
         return {name: float(p["value"]) for name, p in parameters.items() if p["value"] is not None}
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise InputError(f"{path.name} is no result of an estimate; give a result.json, or a CSV of values") from None
 
 

@@ -53,7 +53,7 @@ def read_sysid(path: Path, read_as: ReadAs) -> list[Recording]:
     path = Path(path)
     try:
         content: Any = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (ValueError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise RecordingError(f"{path.name} begins as JSON and is none ({error}); export the recording as CSV") from None
     tests = [test for test in TESTS if isinstance(content, dict) and content.get(test)]
     if not tests:

@@ -10,14 +10,14 @@ import io
 import json
 import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from estimator.errors import InputError
 from estimator.motor.names import INPUTS, MOTOR, STATES, is_motor
 from estimator.motor.state_space import matrices, transfer_functions
-from estimator.results.result import DerivedQuantity, Estimate, ParameterEstimate, Setting, StandardUncertainty
+from estimator.results.result import DerivedQuantity, Estimate, ParameterEstimate, Setting, StandardUncertainty, Verdict
 from estimator.results.result_json import json_ready, to_mapping
 from estimator.results.spreadsheet_cells import harmless
 
@@ -40,6 +40,8 @@ def estimate_from_json(text: str, *, source: str = "result.json") -> Estimate:
     """
     try:
         data = json.loads(text)
+        if data["verdict"] not in get_args(Verdict):
+            raise ValueError(f"no such verdict: {data['verdict']!r}")
         given = data.get("tolerance", {})
         budget = {n: {s: t["shift"][n] for s, t in given.items() if n in t["shift"]} for n in data["parameters"]}
         parameters = {name: _parameter(name, entry, budget[name]) for name, entry in data["parameters"].items()}
@@ -64,7 +66,7 @@ def estimate_from_json(text: str, *, source: str = "result.json") -> Estimate:
             },
             **_numbers(data),
         )
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(
             f"{source} is no result of an estimate ({type(error).__name__}: {error}); give the result.json that"
             " estimate -o wrote"
@@ -170,7 +172,7 @@ def _numbers(data: dict[str, Any]) -> dict[str, Any]:
         "correlation": np.array(rows, dtype=float) if rows else None,  # None, no number, becomes NaN
         "correlated": tuple(correlation),
         "notes": tuple(data.get("notes", ())),
-        "recordings": tuple(data.get("recordings", ())),
+        "recordings": tuple(dict(recording) for recording in data.get("recordings", ())),
         "about": dict(data.get("about", {})),
         **{name: dict(data.get(name, {})) for name in ("rmse", "fit_percent", "noise", "sample_noise")},
     }
