@@ -152,6 +152,11 @@ MAT_COMPLAINTS = {
 }
 
 
+def test_a_speed_that_was_differenced_beside_its_angle_is_left_out(tmp_path: Path) -> None:
+    as_v5(tmp_path / "run3.mat", {**VECTORS, "w": W[1:], "angle": np.cumsum(W) * 1e-3})
+    assert set(motor_columns(read_recording(tmp_path / "run3.mat"), required=("v", "i"))) == {"v", "i", "angle"}
+
+
 @pytest.mark.parametrize("name", MAT_COMPLAINTS)
 def test_a_mat_file_that_does_not_do_is_told_in_a_sentence(name: str, tmp_path: Path) -> None:
     content, sentence = MAT_COMPLAINTS[name]

@@ -28,6 +28,7 @@ TEXT = b"MATLAB 5.0 MAT-file"
 REMEDY = "save the vectors time, voltage, current and speed, or a structure of them"
 MIN_ROWS = 3
 SIGNALS = ("v", "i", "w")
+MOVING = (("v",), ("i",), ("w", "angle"))  # what a motor's recording has, one or the other
 
 
 def is_mat(path: Path, head: bytes) -> bool:
@@ -211,10 +212,10 @@ def _vectors(path: Path, group: Mapping[str, Any]) -> list[Signal]:
     unit = parse_header(clock).unit
     time = vectors[clock] if unit is None or unit.quantity != "time" else unit.to_si(vectors[clock])
     names = [name for name, vector in vectors.items() if name != clock and len(vector) == len(time)]
-    for role in SIGNALS:
-        of_role = [name for name in vectors if rank_in_role(parse_header(name).name, role) is not None]
-        nearly = [name for name in of_role if len(time) / 2 < len(vectors[name]) < 2 * len(time)]
-        if nearly and not set(of_role) & set(names):
+    for roles in MOVING:
+        either = [n for n in vectors if any(rank_in_role(parse_header(n).name, role) is not None for role in roles)]
+        nearly = [name for name in either if len(time) / 2 < len(vectors[name]) < 2 * len(time)]
+        if nearly and not set(either) & set(names):
             raise RecordingError(
                 f"{path.name}: {nearly[0]} has {len(vectors[nearly[0]])} samples and the time {clock} has {len(time)};"
                 " save vectors of one length"
