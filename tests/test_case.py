@@ -378,6 +378,14 @@ COMPLAINTS = {
 }
 
 
+def test_a_recording_where_a_case_file_is_meant_is_told(tmp_path):
+    (tmp_path / "run3.csv").write_text("time [s],voltage [V]\n0,0\n")
+    with pytest.raises(
+        CaseError, match=r"^run3.csv line 1 is not valid TOML: .*; a case file is meant, whose name ends"
+    ):
+        read_case(tmp_path / "run3.csv")
+
+
 @pytest.mark.parametrize("name", COMPLAINTS)
 def test_what_is_wrong_is_said_in_one_sentence_with_file_and_line(name: str, folder: Path) -> None:
     text, sentence = COMPLAINTS[name]

@@ -277,7 +277,8 @@ class Document:
         line = int(at[1]) if at else self.text.rstrip().count("\n") + 1
         if "overwrite" in words or "declare" in words or "twice" in words:
             words = f"{words}: is it given twice?"
-        return f"{self.path.name} line {line} is not valid TOML: {words[:1].lower()}{words[1:]}"
+        remedy = "" if self.path.suffix.lower() == ".toml" else "; a case file is meant, whose name ends in .case.toml"
+        return f"{self.path.name} line {line} is not valid TOML: {words[:1].lower()}{words[1:]}{remedy}"
 
     def line(self, keys: Way) -> int | None:
         """Return the line that says most of the way to a key: the key, else its inline table, else [its table]."""
