@@ -9,7 +9,8 @@
  *     supply_time dsag/dt = supply_resistance way i - sag
  *     w = 0 holds as long as |K i - load| <= friction + stiction + stribeck_torque
  *     i = 0 holds as long as |u - K w| <= brush, and with coasts = 1 as long as |v| <= dead_band
- *     i = +-current_limit holds as long as u would drive it further
+ *     i = +-current_limit holds as long as u would drive it further; with limit_slope: u less (i -+ current_limit) /
+ *     limit_slope where i is beyond it
  *     with one_way = 1:   i = 0 holds as long as way (u - K w) <= brush
  *
  * All but R, K, L, J and B have no effect unless they are set: without them, this is dc_motor; with friction, stiction and
@@ -18,7 +19,7 @@
  *
  * The drive takes v as its command. A command of no more than dead_band gives no voltage: then it shorts the motor, or opens
  * the circuit where coasts is 1: the current is zero at once. It holds the current at current_limit by whatever voltage that
- * takes. It connects the supply to the motor the one way or the other: the source v behind supply_resistance, with a
+ * takes, or lets it rise by limit_slope for each volt that it takes away, as foldback does. It connects the supply to the motor the one way or the other: the source v behind supply_resistance, with a
  * capacitor that is charged to v before the motor draws current; supply_time is resistance times capacitance, 0 without a
  * capacitor. sag is what the current has taken off its voltage. A supply that is regulated, and dips only until it has
  * recovered, is one of negative resistance, with its size added to R. With supply_series it is an amplifier instead, whose
@@ -30,7 +31,7 @@
  *
  * motion and conduction are 1 or -1 for the way of speed and current, 0 where they are held at zero, 2 where nothing could
  * hold them. crawling and creeping are 1 at speeds below 1 and 3.2 times stribeck_speed. limiting is 1 where the current is
- * held at its limit, limiting_back where it is held at minus its limit. command is the way of the supply, 0 where there is
+ * held at its limit, or beyond it, limiting_back where it is so at minus its limit. command is the way of the supply, 0 where there is
  * no voltage, 2 where it does not matter.
  */
 
@@ -51,6 +52,7 @@
     X(parameter, stribeck_speed,    0,        10,      0,      1e6,   "rad/s",       "Speed at which a third of it is left") \
     X(parameter, brush,             0,        1,       0,      1e3,   "V",           "Voltage drop over the brushes") \
     X(parameter, current_limit,     1e9,      10,      1e-6,   1e9,   "A",           "Current that the drive lets pass; 1e9: any") \
+    X(parameter, limit_slope,       0,        0.01,    0,      1e6,   "A/V",         "Current beyond the limit for a volt taken away") \
     X(parameter, dead_band,         0,        1,       0,      1e6,   "V",           "Command up to which there is no voltage") \
     X(parameter, coasts,            0,        1,       0,      1,     "1",           "Whether no voltage means no current, 0 or 1") \
     X(parameter, one_way,           0,        1,       0,      1,     "1",           "Whether no current flows back, 0 or 1") \
@@ -65,8 +67,8 @@
     X(mode,      crawling,          0,        1,       0,      1,     "1",           "1 below stribeck_speed") \
     X(mode,      creeping,          0,        1,       0,      1,     "1",           "1 below 3.2 times stribeck_speed") \
     X(mode,      conduction,        0,        1,       -1,     2,     "1",           "Way of the current, 0 where it is blocked") \
-    X(mode,      limiting,          0,        1,       0,      1,     "1",           "1 where the current is at its limit") \
-    X(mode,      limiting_back,     0,        1,       0,      1,     "1",           "1 where it is at minus its limit") \
+    X(mode,      limiting,          0,        1,       0,      1,     "1",           "1 where the current is at its limit or beyond") \
+    X(mode,      limiting_back,     0,        1,       0,      1,     "1",           "1 where it is so at minus its limit") \
     X(mode,      command,           2,        1,       -1,     2,     "1",           "Way of the supply, 0 where it is off")
 
 #include "model.h"
@@ -96,11 +98,23 @@ static double way(const Variables *m)
     return is_in_series(m) ? 1 : m->command == UNHELD ? 0 : m->command;
 }
 
+static bool gives_way(const Variables *m)
+{
+    return m->limit_slope > 0;
+}
+
+/* What a limit that gives way takes off the voltage. */
+static double taken_away(const Variables *m)
+{
+    if (!gives_way(m) || (m->limiting == 0 && m->limiting_back == 0)) return 0;
+    return (m->i + (m->limiting != 0 ? -1 : 1) * m->current_limit) / m->limit_slope;
+}
+
 /* What drives the current, but for the brushes. */
 static double driving_voltage(const Variables *m)
 {
     const double sag = m->supply_time > 0 ? m->sag : m->supply_resistance * way(m) * m->i;
-    const double u = (m->command == 0 ? 0 : m->v) - way(m) * sag;
+    const double u = (m->command == 0 ? 0 : m->v) - way(m) * sag - taken_away(m);
     return u - m->R * m->i - m->K * m->w;
 }
 
@@ -115,7 +129,8 @@ static double falling(const Variables *m)
 static void derivatives(const Variables *m, Derivatives *d)
 {
     const double torque = m->K * m->i - m->B * m->w - m->load - m->motion * m->friction - falling(m);
-    const bool held = m->conduction == 0 || m->limiting != 0 || m->limiting_back != 0 || is_open(m);
+    const bool limited = !gives_way(m) && (m->limiting != 0 || m->limiting_back != 0);
+    const bool held = m->conduction == 0 || limited || is_open(m);
     const double drawn = m->supply_resistance * way(m) * m->i;
     d->i = held ? 0 : (driving_voltage(m) - m->conduction * m->brush) / m->L;
     d->w = m->motion == 0 ? 0 : torque / m->J;
@@ -144,7 +159,9 @@ static Switch limited(const Variables *m, double mode, double way)
 {
     const double further = way * driving_voltage(m) - m->brush; /* V */
     if (m->current_limit >= NO_LIMIT || is_open(m)) return lasting_switch(mode == 0 ? 1 : -1, 0);
-    Switch s = linear_switch(mode == 0 ? m->current_limit - way * m->i : further, mode == 0);
+    const double below_limit = m->current_limit - way * m->i; /* A */
+    if (gives_way(m)) return linear_switch(mode == 0 ? below_limit : -below_limit, mode == 0);
+    Switch s = linear_switch(mode == 0 ? below_limit : further, mode == 0);
     if (mode == 0 && way * m->i == m->current_limit && further > 0) s.margin = -1;
     return s;
 }
@@ -177,7 +194,7 @@ static void switches(const Variables *m, Switches *s)
 static void enter(Variables *m)
 {
     if (m->motion == 0) m->w = 0;
-    if (m->limiting != 0) m->i = m->current_limit;
-    if (m->limiting_back != 0) m->i = -m->current_limit;
+    if (m->limiting != 0 && !gives_way(m)) m->i = m->current_limit;
+    if (m->limiting_back != 0 && !gives_way(m)) m->i = -m->current_limit;
     if (m->conduction == 0 || is_open(m)) m->i = 0;
 }

@@ -18,6 +18,7 @@ NEUTRAL = {
     "stiction": 0.0,
     "brush": 0.0,
     "current_limit": 1e9,
+    "limit_slope": 0.0,
     "dead_band": 0.0,
     "coasts": 0.0,
     "one_way": 0.0,
@@ -35,9 +36,10 @@ class DrivenMotor(DryMotor):
         self.limiting = 0
         self.breakaway += self.p["stribeck_torque"]
 
-    def _step(self, v: float, load: float, step: float) -> None:
+    def _step(self, v: float, load: float, step: float) -> None:  # noqa: C901 - a case for each effect
         p, time = self.p, 0.0
         way = 0 if abs(v) <= p["dead_band"] else (1 if v > 0 else -1)
+        longest = step / 8 if p["limit_slope"] else np.inf  # its events are interpolated
         is_open, in_series = way == 0 and p["coasts"] == 1, p["supply_series"] == 1
 
         def terminal(x: Sequence[float]) -> float:
@@ -64,15 +66,19 @@ class DrivenMotor(DryMotor):
             ) -> list[float]:
                 i, w, _angle, sag = x.tolist()
                 voltage = terminal([i, w, 0.0, sag]) - p["R"] * i - p["K"] * w - brushes * p["brush"]
+                if limiting and p["limit_slope"]:
+                    voltage -= (i - limiting * p["current_limit"]) / p["limit_slope"]
                 x = abs(w) / p["stribeck_speed"] if p["stribeck_speed"] else 4.0
                 left = p["stribeck_torque"] * (0.55 * max(1.0 - x, 0.0) + 0.45 * max(1.0 - x / 3.2, 0.0))
                 torque = p["K"] * i - p["B"] * w - load - shaft * (p["friction"] + left)
                 drawn = p["supply_resistance"] * (1 if in_series else way) * i
                 charge = (drawn - sag) / p["supply_time"] if p["supply_time"] else 0.0
-                flows = brushes and not limiting and not is_open
+                flows = brushes and (not limiting or p["limit_slope"]) and not is_open
                 return [voltage / p["L"] if flows else 0.0, torque / p["J"] if shaft else 0.0, w, charge]
 
             def at_limit(_: float, x: Vector, limiting: int = limiting) -> float:
+                if limiting and p["limit_slope"]:
+                    return limiting * float(x[0]) - p["current_limit"] * (1 - 1e-13)
                 if limiting:
                     return further(list(map(float, x)), limiting) + 1e-12
                 return p["current_limit"] * (1 + 1e-13) - abs(float(x[0]))
@@ -85,7 +91,9 @@ class DrivenMotor(DryMotor):
                 else _event(0, brushes, push_on_current, 0.0 if is_open else p["brush"]),
                 at_limit,
             ]
-            run = solve_ivp(rates, (time, step), self.x, method="DOP853", rtol=1e-12, atol=1e-14, events=events)
+            run = solve_ivp(
+                rates, (time, step), self.x, method="DOP853", rtol=1e-12, atol=1e-14, max_step=longest, events=events
+            )
             self.x, time = [float(value) for value in run.y[:, -1]], float(run.t[-1])
             if run.status == 0:
                 return
@@ -98,7 +106,7 @@ class DrivenMotor(DryMotor):
                 self.brushes = self._turn(0, brushes, push_on_current(self.x), p["brush"])
             if len(run.t_events[2]):
                 self.limiting = 0 if limiting else (1 if self.x[0] > 0 else -1)
-                if self.limiting:
+                if self.limiting and not p["limit_slope"]:
                     self.x[0] = self.limiting * p["current_limit"]
 
     def _choose(self, push: float, further: Callable[[Sequence[float], int], float], is_open: bool, way: int) -> None:
@@ -110,7 +118,8 @@ class DrivenMotor(DryMotor):
             self.brushes = self.brushes or _way(self.x[0], push, self.p["brush"])
         elif not self.brushes:
             self.brushes = way if way * push > self.p["brush"] else 0
-        if self.limiting and further(self.x, self.limiting) < 0:
+        gives_way = self.p["limit_slope"] > 0
+        if self.limiting and not gives_way and further(self.x, self.limiting) < 0:
             self.limiting = 0
         sign = 1 if self.x[0] > 0 else -1
         if not self.limiting and sign * self.x[0] >= self.p["current_limit"] and further(self.x, sign) > 0:

@@ -26,6 +26,8 @@ EFFECTS = {
     "steep Stribeck": {"friction": 0.003, "stiction": 0.002, "stribeck_torque": 0.01, "stribeck_speed": 15.0},
     "brush": {"brush": 0.6},
     "limit": {"current_limit": 1.3},
+    "limit that gives way": {"current_limit": 1.3, "limit_slope": 0.02},
+    "limit that gives way and brushes": {"current_limit": 0.9, "limit_slope": 0.3, "brush": 0.6},
     "dead band": {"dead_band": 1.5},
     "coasting": {"coasts": 1.0},
     "one way": {"one_way": 1.0},

@@ -23,6 +23,7 @@ from estimator.explaining.effects.drive_drop import DriveDrop
 from estimator.explaining.effects.edge_latency import EdgeLatency
 from estimator.explaining.effects.gain import Gain
 from estimator.explaining.effects.hum import Hum
+from estimator.explaining.effects.limit_slope import LimitSlope
 from estimator.explaining.effects.load_step import LoadStep
 from estimator.explaining.effects.load_torque import LoadTorque
 from estimator.explaining.effects.lost_rows import LostRows
@@ -94,6 +95,7 @@ EFFECTS: tuple[Effect, ...] = (
     StribeckFriction(),
     BrushDrop(),
     CurrentLimit(),
+    LimitSlope(),
     Coasting(),
     OneWay(),
     Sag(),
