@@ -90,3 +90,12 @@ def test_digits_alone_are_the_step_of_what_is_on_no_lattice():
     for _ in range(300):
         levels = np.round(np.cumsum(rng.standard_normal(rng.integers(20, 400))) * rng.uniform(0.2, 5), 1)
         assert quantum(rng.choice(levels, 3 * len(levels))) < 0.11
+
+
+@pytest.mark.parametrize(("counts", "digits"), [(8192, 6), (8192, 7), (4096, 5), (20000, 7)])
+def test_few_levels_that_are_printed_with_few_digits_tell_the_counts(counts, digits):
+    """Of 8192 counts a turn in six digits, 16 levels gave 8191.97: not whole, and the errors passed for noise."""
+    step = 2 * np.pi / counts / 1e-3
+    shown = step * np.random.default_rng(1).integers(-3, 14, 2000)
+    printed = np.array([float(f"{w:.{digits}g}") for w in shown])
+    assert counts_a_turn([printed], [1e-3]) == counts

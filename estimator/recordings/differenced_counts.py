@@ -63,8 +63,14 @@ def _step_between(w: FloatArray) -> tuple[float, float]:
         return 0.0, 0.0
     levels = np.unique(np.abs(w))
     levels = levels[levels > 0.5 * step]
-    if np.max(np.abs(levels - step * np.rint(levels / step)), initial=0.0) < EXACT * step:
+    if not len(levels):
         return step, step
+    times = np.rint(levels / step)
+    of_all = float(levels @ times / (times @ times))
+    off = float(np.max(np.abs(levels - of_all * times)))
+    if off < EXACT * step:  # six digits of some values leave the step to five
+        reach = 2 * off / float(times[-1])
+        return of_all - reach, of_all + reach
     digit = quantum(np.diff(w))
     decimals = [np.full(len(levels), digit)] if digit <= 0.5 * step else []
     decimals += [0.1**digits * levels for digits in SIGNIFICANT]  # then small values have finer ones
