@@ -270,7 +270,7 @@ class Simulator:
     def _simulated(self, candidates: FloatArray, refine: int) -> FloatArray:
         """Return the same, as the FMU tells it now."""
         if self.effort is not None:
-            self.effort.spend(len(candidates) * self.rows * len(self.outputs))
+            self.effort.spend(len(candidates), self.rows * len(self.outputs))
         filtered = self.filtered(candidates)
         alike = filtered.all() or not filtered.any()
         rows = self.between if filtered.any() else 1
