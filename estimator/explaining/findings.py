@@ -47,8 +47,8 @@ ENDED = Found(
     "search",
     "",
     "the search for what the recording shows was ended before all was tried",
-    "what was not tried may explain it as well, and give other parameters; declare what is known of the bench, or take a"
-    " shorter part, by --window",
+    "what was not tried may explain it as well, and give other parameters; declare what is known of the bench, or take"
+    " a shorter part, by --window",
 )
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from estimator.plans.plan import Plan
 
-MOST_SAMPLES = 280_000_000  # of all outputs, shown for one explanation: half a minute or a minute
-EACH = 2000  # samples that a candidate costs beside its own, roughly: short recordings have no more time than long ones
+MOST_SAMPLES = 350_000_000  # of all outputs, shown for one explanation: half a minute or a minute
+EACH = 5000  # samples that a candidate costs beside its own, roughly: short recordings have no more time than long ones
 LEAST_CANDIDATES = 1000  # that are shown at least, however long the recordings are
 OF_ADDITIONS = 0.5  # of all of it, by which additions are looked for: the rest is for their rivals
 
