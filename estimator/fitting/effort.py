@@ -7,6 +7,7 @@ from estimator.plans.plan import Plan
 MOST_SAMPLES = 350_000_000  # of all outputs, shown for one explanation: half a minute or a minute
 EACH = 5000  # samples that a candidate costs beside its own, roughly: short recordings have no more time than long ones
 LEAST_CANDIDATES = 1000  # that are shown at least, however long the recordings are
+A_SAMPLE = 5  # steps that cost as much as a sample that is shown, roughly
 OF_ADDITIONS = 0.5  # of all of it, by which additions are looked for: the rest is for their rivals
 
 
@@ -24,9 +25,9 @@ class Effort:
         self._left = self._most = max(MOST_SAMPLES, LEAST_CANDIDATES * samples)
         self.was_spent = False
 
-    def spend(self, candidates: int, samples: int) -> None:
-        """Count candidates that were shown, of so many samples each."""
-        self._left -= candidates * (EACH + samples)
+    def spend(self, candidates: int, samples: int, steps: int) -> None:
+        """Count candidates that were shown, of so many samples and so many steps between them each."""
+        self._left -= candidates * (EACH + samples + steps // A_SAMPLE)
 
     def is_spent(self, *, part: float = 1.0) -> bool:
         """Return whether a part of it was shown: then nothing more is to be tried."""

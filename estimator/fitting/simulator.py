@@ -269,9 +269,10 @@ class Simulator:
 
     def _simulated(self, candidates: FloatArray, refine: int) -> FloatArray:
         """Return the same, as the FMU tells it now."""
-        if self.effort is not None:
-            self.effort.spend(len(candidates), self.rows * len(self.outputs))
         filtered = self.filtered(candidates)
+        if self.effort is not None:
+            between = self.between if filtered.any() else 0
+            self.effort.spend(len(candidates), self.rows * len(self.outputs), self.rows * between * refine)
         alike = filtered.all() or not filtered.any()
         rows = self.between if filtered.any() else 1
         if alike and 0 < len(candidates) <= max(1, CELLS // (self.rows * rows)):
