@@ -15,7 +15,10 @@ VOLTAGES = {
 }
 
 
-@pytest.mark.parametrize(("excitation", "slope"), [("reversal", 20), ("two levels", 5), ("reversal", 5)])
+@pytest.mark.parametrize(
+    ("excitation", "slope"),
+    [("reversal", 20), *(pytest.param(*case, marks=pytest.mark.full) for case in (("two levels", 5), ("reversal", 5)))],
+)
 def test_a_limit_that_gives_way_is_told_and_the_motor_is_right(excitation, slope):
     """Its plateau falls while the motor gathers speed: an AC-coupled sensor was told, K 66 standard errors off, ok."""
     drive = {"current_limit": 0.8, "limit_slope": 1 / (slope * MOTOR["R"])}

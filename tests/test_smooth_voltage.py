@@ -44,7 +44,9 @@ def worst(result):
     return max(abs(result.parameters[n].value - x) / result.parameters[n].standard_error for n, x in MOTOR.items())
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("trapezoid", 2), ("sine", 3), ("soft step", 1)])
+@pytest.mark.parametrize(
+    ("kind", "seed"), [("trapezoid", 2), ("soft step", 1), pytest.param("sine", 3, marks=pytest.mark.full)]
+)
 def test_a_measured_voltage_that_moves_smoothly_is_on_lines_and_its_noise_moves_no_motor(kind, seed):
     """By other seeds a delay of a part of a row is a rival, with another L: doubtful then, and within the errors."""
     result = estimate_parameters(measured(kind, seed, noise=0.02), workers=1)

@@ -15,7 +15,7 @@ CONTROLLED = np.where(np.arange(1100) < 100, 0.0, 5.0 + 12.0 * np.exp(-(np.arang
 
 @pytest.mark.parametrize(
     ("command", "limit"),
-    [(LEVELS, 7.4), (BOTH_WAYS, 6.5), pytest.param(CONTROLLED, 9.0, marks=pytest.mark.full)],
+    [(LEVELS, 7.4), *(pytest.param(*case, marks=pytest.mark.full) for case in ((BOTH_WAYS, 6.5), (CONTROLLED, 9.0)))],
     ids=["levels", "both ways", "controller"],
 )
 def test_a_supply_that_has_less_than_its_command_asks_for_is_told_and_the_motor_is_right(command, limit):
