@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.plans.plan import Observed, Plan
+from estimator.recordings.printed_digits import errors_of_digits
 from estimator.recordings.samples import filled, median
 from estimator.recordings.signal_noise import input_noise, noise_deviation
 
@@ -78,9 +79,9 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
     h = o.recording.step
     delays = ", ".join(f"{1e3 * k * h:.3g}" for k in late)
     note = f"{o.recording.title}: the changes of the voltage reach the motor {delays} ms late, each by its own"
-    return dataclasses.replace(
-        o, inputs={**o.inputs, "v": command[o.rest :]}, delay=late[0] * h if late[0] else 0.0
-    ), note
+    moved, delay = command[o.rest :], late[0] * h if late[0] else 0.0
+    inputs = {**o.inputs, "v": moved}
+    return dataclasses.replace(o, inputs=inputs, delay=delay, uncertain=errors_of_digits(moved)), note
 
 
 def _of_current(o: Observed, v: FloatArray, edges: NDArray[np.int64]) -> tuple[list[int], FloatArray] | None:

@@ -17,6 +17,7 @@ from estimator.plans.plan import Observed
 from estimator.recordings.corrected import corrected
 from estimator.recordings.excitation import Excitation, find_delay, find_excitation
 from estimator.recordings.filters import filter_sections
+from estimator.recordings.printed_digits import errors_of_digits
 from estimator.recordings.quantum import quantum
 from estimator.recordings.recording import MIN_SAMPLES, Recording
 from estimator.recordings.samples import filled, median
@@ -71,6 +72,7 @@ def observe(binding: Binding, channels: Channels, recording: Recording, run: Run
         recording, driven, measured, excitation, 0, delay, notes=tuple(told), has_phase=has_phase, rest=rest,
         at_rest=run.begin == REST, early=early, is_underway=is_underway,
         jumps={name: jumps(driven[name]) for name in binding.case.jumping},
+        uncertain=errors_of_digits(driven["v"]) if is_motor and "v" in driven else None,
     )  # fmt: skip
     if begin in (GIVEN, REST):  # nothing to run in, and the way from there is a response
         by_itself = run.begin == GIVEN or not (run.begin or is_motor)  # a motor at zero does not move without its input

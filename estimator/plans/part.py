@@ -39,6 +39,7 @@ def _part(o: Observed) -> Observed:
         outputs={name: y[:n].copy() for name, y in o.outputs.items()},
         lead=min(o.lead, n),
         jumps={name: jumped[:n] for name, jumped in o.jumps.items()},
+        uncertain=None if o.uncertain is None else o.uncertain[:n],
     )
 
 

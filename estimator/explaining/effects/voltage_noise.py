@@ -90,11 +90,10 @@ def quieted(plan: Plan, around: Sequence[FloatArray], shown: Sequence[FloatArray
     is_told = sum(map(len, shown)) <= LONG and sum(len(parts) for parts in followed) <= MOST_LEVELS
     observed = []
     for o, own, parts, is_smooth in zip(plan.observed, around, followed, smooth, strict=True):
-        quiet, uncertain = o.inputs["v"] - own, None
-        if is_told and is_smooth:
-            uncertain = _left_of_noise(o.inputs["v"])
-        elif is_told:
-            uncertain = np.column_stack([_uncertain(o.inputs["v"], own, parts), _between_rows(quiet, parts)])
+        quiet, uncertain = o.inputs["v"] - own, o.uncertain  # that of a command is of its digits
+        if is_told and (own.any() or uncertain is None):
+            of_levels = () if is_smooth else (_uncertain(o.inputs["v"], own, parts), _between_rows(quiet, parts))
+            uncertain = np.column_stack(of_levels) if of_levels else _left_of_noise(o.inputs["v"])
         inputs, was = {**o.inputs, "v": quiet}, o.is_measured
         observed.append(dataclasses.replace(o, inputs=inputs, uncertain=uncertain, is_quiet=was))
     return dataclasses.replace(plan, observed=tuple(observed))
@@ -110,7 +109,7 @@ def _uncertain(u: FloatArray, around: FloatArray, parts: Sequence[tuple[slice, F
     step = max((_apart(u[level]) for level, _ in parts), default=0.0) or quantum(u)
     for level, basis in parts:
         columns[level, k : k + basis.shape[1]] = np.std(around) * basis
-        if step > 0 and u[level].any():
+        if step > 0 and u[level].any() and around.any():
             columns[level, k] = np.hypot(columns[level, k], level_error(u[level], step))
         k += basis.shape[1]
     return columns
