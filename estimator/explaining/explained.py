@@ -17,7 +17,7 @@ from estimator.explaining.between_runs import BetweenRuns, is_between_runs, of_f
 from estimator.explaining.effects.base import Effect
 from estimator.explaining.effects.drive import Coasting
 from estimator.explaining.effects.edge_latency import EdgeLatency
-from estimator.explaining.effects.voltage_noise import VoltageNoise, without_noise
+from estimator.explaining.effects.voltage_noise import VoltageNoise, with_errors_of_converters, without_noise
 from estimator.explaining.effects.voltage_offset import VoltageOffset
 from estimator.explaining.explanation import Explanation
 from estimator.explaining.explanation_noise import by_noise_of
@@ -182,6 +182,7 @@ def explain(
         at_sight = quieted_at_sight(plan)
         if at_sight is not None and (at_sight.is_sure or _is_likelier(begin, at_sight.plan, plan, starts)):
             plan, told_quiet, _ = at_sight
+        plan = with_errors_of_converters(plan)
     ways, selections, explanation = likelier_interpretation(plan, begin, starts, known)
     plan, selection = ways[0].plan, selections[0]
     changed = [Found(EdgeLatency.name, "", t, "") for t in late]

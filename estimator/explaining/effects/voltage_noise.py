@@ -106,13 +106,33 @@ def _uncertain(u: FloatArray, around: FloatArray, parts: Sequence[tuple[slice, F
     none at all there is none.
     """
     columns, k = np.zeros((len(around), sum(basis.shape[1] for _, basis in parts))), 0
-    step = max((_apart(u[level]) for level, _ in parts), default=0.0) or quantum(u)
-    for level, basis in parts:
+    shared = _of_converter(u, [level for level, _ in parts]) if around.any() else [0.0] * len(parts)
+    for (level, basis), error in zip(parts, shared, strict=True):
         columns[level, k : k + basis.shape[1]] = np.std(around) * basis
-        if step > 0 and u[level].any() and around.any():
-            columns[level, k] = np.hypot(columns[level, k], level_error(u[level], step))
+        columns[level, k] = np.hypot(columns[level, k], error)
         k += basis.shape[1]
     return columns
+
+
+def with_errors_of_converters(plan: Plan) -> Plan:
+    """Return a plan that knows what of its measured voltages' levels a coarse converter leaves open."""
+    observed = []
+    for o in plan.observed:
+        if o.uncertain is None and o.is_measured and not moves_smoothly(u := o.inputs["v"]):
+            levels = levels_of(u)
+            errors = _of_converter(u, levels) if len(levels) <= MOST_LEVELS else []
+            columns = np.zeros((len(u), np.count_nonzero(errors)))
+            for k, (level, error) in enumerate((a, b) for a, b in zip(levels, errors, strict=False) if b > 0):
+                columns[level, k] = error
+            o = dataclasses.replace(o, uncertain=columns if columns.size else None)
+        observed.append(o)
+    return dataclasses.replace(plan, observed=tuple(observed))
+
+
+def _of_converter(u: FloatArray, levels: Sequence[slice]) -> list[float]:
+    """Return what the samples of each level of a voltage, (n,), share as an error, V: by a converter's steps."""
+    step = max((_apart(u[level]) for level in levels), default=0.0) or quantum(u)
+    return [level_error(u[level], step) if step > 0 and u[level].any() else 0.0 for level in levels]
 
 
 def _apart(shown: FloatArray) -> float:
