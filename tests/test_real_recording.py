@@ -66,7 +66,7 @@ def test_with_a_known_resistance_and_dry_friction_it_tells_three(measured, stead
 
 def test_parameters_that_are_held_because_nobody_named_any_are_said(measured):
     (estimate,) = estimate_recordings([Case(fmu="dc_motor_friction", **SIGNALS)], [[measured]])
-    held = "held at the FMU's own value: stiction = 0 N.m, brush = 0 V; name under [parameters]"
+    held = "held at the FMU's own value unless the recording shows another: stiction = 0 N.m, brush = 0 V; name under"
     assert "friction" in estimate.parameters
     assert any(note.startswith(held) for note in estimate.notes)
 

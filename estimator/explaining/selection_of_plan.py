@@ -17,12 +17,10 @@ from estimator.fitting.effort import Effort
 from estimator.fitting.simulator import Nuisance, Simulator, per_recording
 from estimator.fmus.probe import bundled_model
 from estimator.fmus.workers import Workers
-from estimator.motor.names import MOTOR
+from estimator.motor.names import BUNDLED
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
-
-LINEAR_MOTOR = "dc_motor"  # that a bundled FMU with more effects may replace
 
 
 def selection_of(
@@ -47,7 +45,7 @@ def selection_of(
 
 
 def _rivals(base: Simulator, effects: Sequence[Effect]) -> Callable[[str], Simulator | None]:
-    """Return what makes simulators of bundled FMUs that may stand in for the linear motor, by name, each once."""
+    """Return what makes simulators of bundled FMUs that may stand in for the plan's, by name, each once."""
     plan, can_stand_in = base.plan, may_be_replaced(base.plan)
 
     @cache
@@ -58,7 +56,7 @@ def _rivals(base: Simulator, effects: Sequence[Effect]) -> Callable[[str], Simul
         own = [n for e in effects if e.fmu == name for n in e.nuisances(plan)]
         own += [n for e in effects for n in e.in_place_of_columns(plan)]
         held = {n.name for n in base.nuisances}
-        own = [n for n in own if n.target in there.binding.own and n.name not in held]
+        own = [n for n in own if _is_open(n, plan, there) and n.name not in held]
         return Simulator(there, (*base.nuisances, *own), base.crew, base.sigma, base.effort)
 
     return simulator
@@ -75,11 +73,19 @@ def _in_place_of_columns(effects: Sequence[Effect], plan: Plan) -> list[Nuisance
     return [n for e in effects for n in e.in_place_of_columns(plan) if n.target in plan.binding.own]
 
 
+def _is_open(nuisance: Nuisance, plan: Plan, there: Plan) -> bool:
+    """Whether a plan says nothing of what a nuisance parameter sets in the FMU that may stand in, and has none."""
+    target = nuisance.target
+    if target not in there.binding.own or target in there.fixed:
+        return False
+    return target not in {t for p in plan.parameters for t in p.targets}
+
+
 def may_be_replaced(plan: Plan) -> bool:
-    """Return whether the plan's FMU is the bundled linear motor, in whose place one with more effects may stand."""
-    is_linear_motor = plan.description.is_bundled and plan.description.path.stem == LINEAR_MOTOR
+    """Return whether the plan's FMU is a bundled motor, in whose place one with more effects may stand."""
+    is_motor = plan.description.is_bundled and plan.description.path.stem in BUNDLED
     known = {*(p.quantity or p.name for p in plan.parameters), *plan.fixed}
-    return is_linear_motor and known <= {*MOTOR, "v", "load"}
+    return is_motor and known <= {*plan.binding.parameters, "v", "load"}
 
 
 def freed_by_the_case(plan: Plan) -> list[Nuisance]:

@@ -13,6 +13,7 @@ FloatArray = NDArray[np.float64]
 
 NUDGE = 0.02  # of a parameter's range, on its scale
 FAR_POINTS = (0.1, 0.5, 0.9)  # of its range, for a parameter whose nudge changes nothing
+ELSEWHERE = 16  # points of the whole box: a friction may hold the motor at the start
 TIMED, SHORT = 3, 0.5  # times that a simulation is timed; s, of one that is timed once
 LONG = 10.0  # s: an estimation that takes longer is announced
 
@@ -50,7 +51,8 @@ def unmoved(problem: Problem, start: FloatArray) -> tuple[list[str], float]:
     for j, parameter in enumerate(problem.parameters):
         if parameter.place is not None or failed[j]:
             continue
-        if np.array_equal(problem.used(shown[j]), reference) and not _moves_far(problem, home, j, reference):
+        unseen = np.array_equal(problem.used(shown[j]), reference) and not _moves_far(problem, home, j, reference)
+        if unseen and not _moves_elsewhere(problem, j):
             signals = ", ".join(problem.outputs)
             sentences.append(
                 f"parameter {parameter.name!r} moves no measured signal ({signals}), so it cannot be estimated; fix it"
@@ -87,4 +89,17 @@ def _moves_far(problem: Problem, home: FloatArray, j: int, reference: FloatArray
     return any(
         failed or not np.array_equal(problem.used(shown), reference)
         for failed, shown in zip(batch.failed, batch.shown, strict=True)
+    )
+
+
+def _moves_elsewhere(problem: Problem, j: int) -> bool:
+    """Whether a parameter changes a signal, the others anywhere in their ranges."""
+    places = np.tile(np.random.default_rng(0).random((ELSEWHERE, len(problem.parameters))), (2, 1))
+    places[:ELSEWHERE, j], places[ELSEWHERE:, j] = FAR_POINTS[0], FAR_POINTS[-1]
+    batch = problem.trajectories(problem.box.from_cube(places))
+    assert batch.shown is not None
+    return any(
+        not (batch.failed[k] or batch.failed[k + ELSEWHERE])
+        and not np.array_equal(problem.used(batch.shown[k]), problem.used(batch.shown[k + ELSEWHERE]))
+        for k in range(ELSEWHERE)
     )

@@ -9,6 +9,7 @@ MOTOR = ("R", "K", "L", "J", "B")
 # inductance and a rotor's inertia do not: what seems to change them is not explained.
 CHANGES: Mapping[str, float] = {"R": 0.2, "K": 0.05, "B": 0.5}
 ALIKE = 0.005  # of what does not change: by as little a model of a motor may miss it, and its bar holds that
+BUNDLED = ("dc_motor", "dc_motor_friction", "dc_motor_drive")  # FMUs; the last has all names of the others, and more
 INPUTS, STATES = ("v", "load"), ("i", "w")
 
 

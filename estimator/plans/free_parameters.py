@@ -12,7 +12,7 @@ from estimator.cases.case import ParameterSpec
 from estimator.errors import InputError
 from estimator.fmus.variable import Variable, reach
 from estimator.motor.integral_least_squares import integral_estimate, sane, speed_estimate
-from estimator.motor.names import MOTOR
+from estimator.motor.names import BUNDLED, MOTOR
 from estimator.plans.binding import Binding
 from estimator.plans.parameters import Parameter
 from estimator.plans.plan import Observed
@@ -108,7 +108,9 @@ def held_parameters(binding: Binding) -> tuple[str, ...]:
         return ()
     listed = ", ".join(f"{v.name} = {_number(v.start):.6g} {v.unit}".rstrip() for v in held[:MOST_HELD])
     more = f" and {len(held) - MOST_HELD} more" if len(held) > MOST_HELD else ""
-    return (f"held at the FMU's own value: {listed}{more}; name under [parameters] what is to be estimated",)
+    is_ours = binding.description.is_bundled and binding.description.path.stem in BUNDLED
+    unless = " unless the recording shows another" if is_ours else ""
+    return (f"held at the FMU's own value{unless}: {listed}{more}; name under [parameters] what is to be estimated",)
 
 
 def _parameter(spec: ParameterSpec, binding: Binding, guess: Mapping[str, float]) -> Parameter:

@@ -184,8 +184,11 @@ class Plan:
         return self.binding.signal(signal).unit
 
     def on(self, description: FmuDescription) -> Plan:
-        """Return the same plan with another FMU that has all its names."""
-        return replace(self, binding=self.binding.on(description))
+        """Return the same plan with another FMU that has all its names; what the case does not name is as it was."""
+        binding, named = self.binding.on(description), {t for p in self.parameters for t in p.targets}
+        held = {n: v.start for n, v in self.binding.parameters.items() if n not in named and isinstance(v.start, float)}
+        held = {n: x for n, x in held.items() if n in binding.own and binding.own[n].start != x}
+        return replace(self, binding=binding, fixed={**held, **self.fixed})
 
     @property
     def shortest_step(self) -> float:
