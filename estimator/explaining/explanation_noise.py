@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,17 +18,22 @@ from estimator.fitting.least_squares import ROUNDING
 from estimator.fitting.motor_response import with_machine
 from estimator.fitting.outliers import held_down
 from estimator.fitting.windows import find_windows
+from estimator.noise.autoregression import autoregressions_of_filter
 from estimator.noise.jitter import find_jitter, without_responses
-from estimator.noise.noise_estimate import fit_noise
+from estimator.noise.noise_estimate import Colours, fit_noise
 from estimator.noise.noise_growth import noise_of_neighbours
 from estimator.noise.noise_model import NoiseModel
 from estimator.noise.noise_of_each import with_noise_of_each
+from estimator.noise.recursion import recursion
 from estimator.plans.plan import Plan
+from estimator.recordings.filters import Filter, filter_sections
 from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+RESPONSE = 4096  # samples of a filter's response to an impulse
+ONE_RATE = 0.01  # parts by which sampling intervals may differ: a filter's colour is of one
 QUIET = 0.1  # of the first estimate of the deviation: the noise is taken to be no less
 
 
@@ -83,11 +89,29 @@ def with_noise(
         whitener, misfit, fit.raw, ~windows.sharp if moving else windows.settled, windows.sharp,
         colour=colour, again=again, counts=differenced, steps=np.where(is_angle, 0.0, steps),
         resolution=np.where(s.coarse | is_angle, steps, 0.0), is_held=held_by_sensor(fit),
-        torque=noise.torque if moving else None,
+        torque=noise.torque if moving else None, behind=_colours_of_filters(s.plan),
     )  # fmt: skip
     del misfit  # of a million rows a thirtieth of what is held
     fit = held_down(refreshed(fit, whitener.of(found)), windows.onsets)
     return dataclasses.replace(explanation, fit=solved(fit))
+
+
+def _colours_of_filters(plan: Plan) -> list[Colours]:
+    """Return, of each output, what colours white noise may have behind the filters that its case declares."""
+    steps = [o.recording.step for o in plan.observed]
+    is_one_rate = max(steps) < (1 + ONE_RATE) * min(steps)
+    filters = [plan.chains[y].filters if y in plan.chains and is_one_rate else () for y in plan.outputs]
+    return [_colours(own, float(np.median(steps))) if own else () for own in filters]
+
+
+@lru_cache(maxsize=64)
+def _colours(filters: tuple[Filter, ...], step: float) -> Colours:
+    """Return them of some filters in series at a sampling interval in s."""
+    response = np.zeros(RESPONSE)
+    response[0] = 1.0
+    for b0, b1, b2, a1, a2 in (section for spec in filters for section in filter_sections(spec, step=step)):
+        response = recursion((b0, b1, b2), (a1, a2), response)
+    return autoregressions_of_filter(response)
 
 
 def with_jitter(explanation: Explanation, differenced: FloatArray) -> Explanation | None:

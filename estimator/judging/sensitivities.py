@@ -13,7 +13,7 @@ FloatArray = NDArray[np.float64]
 
 NUDGE = 0.02  # of a parameter's range, on its scale
 FAR_POINTS = (0.1, 0.5, 0.9)  # of its range, for a parameter whose nudge changes nothing
-ELSEWHERE = 16  # points of the whole box: a friction may hold the motor at the start
+ELSEWHERE = 8  # points of the whole box: a friction may hold the motor at the start
 TIMED, SHORT = 3, 0.5  # times that a simulation is timed; s, of one that is timed once
 LONG = 10.0  # s: an estimation that takes longer is announced
 

@@ -1,4 +1,4 @@
-"""A short autoregression of whitened residuals: its coefficients, its order. Knows series of numbers only."""
+"""A short autoregression of whitened residuals, or of a filter: its coefficients. Knows series of numbers only."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_toeplitz
 
 from estimator.conventions import LEAST_FALL
 
 FloatArray = NDArray[np.float64]
 
 ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
+FLOORS = tuple(10.0 ** (0.25 * k) for k in range(-48, -2))  # of the variance behind a filter: white noise beside it
 PLAINLY = 0.5  # of the fall that an order must bring: squares of correlations that are together no more bring none
 
 
@@ -42,6 +44,36 @@ def autoregression(series: Sequence[FloatArray], count: int) -> tuple[FloatArray
         if order in ORDERS and score < best[0] - LEAST_FALL:
             best = (float(score), a.copy(), error)
     return best[1], float(np.sqrt(best[2]))
+
+
+def autoregressions_of_filter(response: FloatArray) -> list[tuple[FloatArray, float]]:
+    """Return coefficients and innovation deviation of white noise behind a filter, of variance 1, with white noise.
+
+    With each of `FLOORS` of it: that of digits, or of a sensor behind the filter. By the Yule-Walker equations of the
+    filter's response to an impulse, (n,).
+    """
+    most = max(ORDERS)
+    padded = np.concatenate([response, np.zeros(most + 1)])
+    covariance = np.array([response @ padded[k : k + len(response)] for k in range(most + 1)])
+    covariance /= covariance[0]
+    found = []
+    for floor in FLOORS:
+        a = solve_toeplitz(np.concatenate([[1 + floor], covariance[1:most]]), covariance[1:])
+        innovation = 1 + floor - float(a @ covariance[1:])
+        if np.isfinite(a).all() and innovation > 0:
+            found.append((a, float(np.sqrt(innovation / (1 + floor)))))
+    return found
+
+
+def innovations(series: Sequence[FloatArray], coefficients: FloatArray) -> FloatArray:
+    """Return what an autoregression leaves of series, (n,) each, all together, where all that it needs is there.
+
+    Missing samples of the series are NaN.
+    """
+    kernel = np.concatenate([[1.0], -coefficients])
+    whole = [np.convolve(x, kernel, mode="valid") for x in series if len(x) >= len(kernel)]
+    left = np.concatenate([np.zeros(0), *whole])
+    return np.asarray(left[~np.isnan(left)])
 
 
 def _is_white(series: Sequence[FloatArray], count: int, power: float) -> bool:

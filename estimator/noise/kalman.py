@@ -11,7 +11,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -47,6 +47,8 @@ FUNCTIONS: Mapping[str, tuple[Any, Sequence[Any]]] = {  # of kalman.c → what e
     "memory_give_back": (None, []),
     "memory_keep": (None, [ctypes.c_int] * 2),
 }
+STRETCH = 2  # samples without a gap: of shorter ones no colour is told within them
+LEAST_KEPT = 1e-12  # of a variance that one more row behind a sample leaves
 LARGEST_KEPT, MOST_KEPT = 32 << 20, 256 << 20  # bytes: of an array, as many as glibc allows; of all of them
 
 
@@ -166,8 +168,11 @@ def shorten(
     present: NDArray[np.bool_],
     second: NDArray[np.bool_],
     models: Sequence[Sequence[tuple[FloatArray, float]]],
-) -> None:
+    behind: IntArray,
+) -> float:
     """Take the short autoregressions of two states of the machine out of whitened columns, in place.
+
+    Returns the sum of the logarithms of the variances that are left of samples of variance 1.
 
     Parameters
     ----------
@@ -177,19 +182,60 @@ def shorten(
     second : (rows,) array
         Rows of which the second model holds, not the first.
     models : two, of each channel: coefficients, and the innovation's deviation
+    behind : (rows, q) array
+        As `rows_behind`, of all rows of the recording; of those before these columns are zero.
     """
     if all(not len(a) and deviation == 1.0 for model in models for a, deviation in model):
-        return  # nothing is left to take out
+        return 0.0  # nothing is left to take out
     n, q, c = whitened.shape
     order = np.array([[len(a) for a, _ in model] for model in models], dtype=np.int64)
-    coefficients = np.zeros((2, q, max(1, int(order.max()))))
+    most = max(1, int(order.max()))
+    coefficients, deviation = np.zeros((2, q, most + 1, most)), np.ones((2, q, most + 1))
     for k, model in enumerate(models):
-        for j, (a, _) in enumerate(model):
-            coefficients[k, j, : len(a)] = a
-    deviation = np.array([[s for _, s in model] for model in models])
+        for j, (a, s) in enumerate(model):
+            own, parts = predictors(a.tobytes())
+            coefficients[k, j, : len(own), : len(a)] = own
+            deviation[k, j, : len(own)] = s * parts
     kind, there = np.ascontiguousarray(second, dtype=np.uint8), np.ascontiguousarray(present, dtype=np.uint8)
-    arrays = (order, coefficients, deviation, kind, there, whitened)
-    filters().kalman_shorten(n, q, c, coefficients.shape[2], *(a.ctypes.data for a in arrays))
+    behind = np.minimum(behind, order[kind])
+    arrays = (coefficients, deviation, kind, behind.astype(np.uint8), there, whitened)
+    filters().kalman_shorten(n, q, c, most, *(a.ctypes.data for a in arrays))
+    left = deviation[kind[:, None], np.arange(q), behind]
+    return float(2 * np.sum(np.log(left), where=present))
+
+
+@lru_cache(maxsize=256)
+def predictors(coefficients: bytes) -> tuple[FloatArray, FloatArray]:
+    """Return what predicts by the last 0 to p rows, (p + 1, p), and by how many times more than by p it errs, (p + 1,).
+
+    Of an autoregression of p coefficients, by Levinson's recursion backwards.
+    """
+    a = np.frombuffer(coefficients)
+    p = len(a)
+    each, errors = np.zeros((p + 1, p)), np.ones(p + 1)
+    for m in range(p, 0, -1):
+        each[m, :m], last = a, float(a[-1])
+        kept = max(1 - last * last, LEAST_KEPT)
+        a, errors[m - 1] = (a[:-1] + last * a[-2::-1]) / kept, errors[m] / np.sqrt(kept)
+    return each, errors
+
+
+def rows_behind(present: NDArray[np.bool_], outlying: NDArray[np.bool_], most: int) -> IntArray:
+    """Return how many rows a sample has behind it, (n, q), `most` at most: since its recording began, or a gap.
+
+    An outlier is as good as a gap. Where every other sample or more is missing a gap is what the colour was told with,
+    too: zeros, then.
+    """
+    rows = np.zeros(present.shape, dtype=np.int64)
+    for j, (own, away) in enumerate(zip(present.T, outlying.T, strict=True)):
+        at = np.flatnonzero(own)
+        apart = np.diff(at, prepend=-most - 1)
+        stretches = int(np.count_nonzero(apart > 1))
+        begins = apart > (1 if len(at) > STRETCH * stretches else most)
+        if away.any():
+            begins |= away[at] | np.concatenate([[False], away[at[:-1]]])
+        rows[at, j] = np.minimum(at - np.maximum.accumulate(np.where(begins, at, 0)), most)
+    return rows
 
 
 @cache

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import LEAST_FALL, STEP_DEVIATION
-from estimator.noise.autoregression import autoregression
+from estimator.noise.autoregression import autoregression, innovations
 from estimator.noise.clock import Clock
 from estimator.noise.noise_growth import Growth, grown_as, growths_of
 from estimator.noise.noise_model import NoiseModel
@@ -23,6 +23,8 @@ from estimator.noise.whitener import Whitener
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+Short = tuple[FloatArray, float]  # coefficients of an autoregression, and its innovation's deviation
+Colours = Sequence[Short]
 
 ROWS = 4000  # settled rows that the noise is estimated from, at most
 SETTLED_SAMPLES = 100  # settled samples of a channel; with fewer all rows are used
@@ -52,6 +54,7 @@ def fit_noise(
     colour: bool,
     again: bool,
     torque: tuple[float, float] | None = None,
+    behind: Sequence[Colours] = (),
 ) -> NoiseModel:
     """Return the noise model of the largest restricted likelihood.
 
@@ -82,6 +85,8 @@ def fit_noise(
         Keep the components of the whitener's noise, and estimate their parameters again.
     torque : deviation and correlation time, s, optional
         Of a wandering torque that all rows tell: the settled ones are not asked for it.
+    behind : sequence of Colours, optional
+        Of each channel, what colours white noise may have behind the filters that are declared for it; none: no filter.
     """
     part, rows = _settled_part(whitener, settled, residuals)
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], _levels(part)], axis=2)
@@ -104,6 +109,7 @@ def fit_noise(
         counts=counts,
         spread=spread,
         torque=torque,
+        behind=behind,
     )
     found = choice.again() if again else choice.best()
     differenced = np.maximum(found.differenced, counts)
@@ -184,13 +190,16 @@ class _Choice:
         counts: FloatArray,
         spread: FloatArray,
         torque: tuple[float, float] | None,
+        behind: Sequence[Colours],
     ) -> None:
         self.likelihood, self.colour, self.is_held = likelihood, colour, is_held
         self.told, self.stands = told, stands
         self.counts, self.spread, self.torque = counts, spread, torque
         self.whitener, self.stacked = likelihood.whitener, likelihood.stacked
-        self.first = dataclasses.replace(self.whitener.noise, short=())
         self.q = self.stacked.shape[1]
+        self.behind = behind or [()] * self.q
+        self.known = self._kept()
+        self.first = dataclasses.replace(self.whitener.noise, short=())
 
     def again(self) -> NoiseModel:
         """Estimate the parameters of the present components again; all afresh where they overflow.
@@ -198,6 +207,9 @@ class _Choice:
         So it is where counts alone would have to be larger than they are: something is beside them now.
         """
         noise = self._grown(self.first)
+        if self.known:  # by what is explained now
+            self.known |= {j: own for j, own in self._of_filters(noise).items() if j in self.known}
+            noise = dataclasses.replace(noise, short=self._alone())
         active = [("differenced" if noise.differenced[j] > 0 else "white", j) for j in range(self.q)]
         beside = noise.white > BESIDE_COUNTS * noise.differenced
         active += [("white", j) for j in range(self.q) if noise.differenced[j] > 0 and beside[j]]
@@ -228,6 +240,9 @@ class _Choice:
         grows = self._grown(noise)
         if grows.grows:
             noise, value = self.likelihood.largest(grows, active)
+        self.known = self._of_filters(noise)
+        if self.known:
+            noise, value = self.likelihood.largest(dataclasses.replace(noise, short=self._alone()), active)
         for _ in range((COMPONENTS if self.colour else 0) + int(differenced.sum())):
             options = self._options(noise, active)
             begun = [(*self.likelihood.largest(start, [c], iterations=5), c) for start, c in options]
@@ -285,10 +300,7 @@ class _Choice:
         """Return the noise with the remaining correlation over few samples."""
         if not self.colour:
             return noise
-        whitened, _ = self.whitener.of(noise)(self.stacked)
-        flat = whitened.reshape(-1, whitened.shape[2])
-        beta = np.linalg.lstsq(flat[:, 1:], flat[:, 0], rcond=1e-9)[0] if flat.shape[1] > 1 else np.zeros(0)
-        left = whitened[:, :, 0] - whitened[:, :, 1:] @ beta
+        left = self._left(noise)
         moving = self.whitener.moving
         of_each = [[np.where(there[c.rows], left[c.rows, j], 0.0) for c in self.whitener.clocks]
                    for j, there in enumerate((self.whitener.present & moving[:, None]).T)]  # fmt: skip
@@ -302,10 +314,53 @@ class _Choice:
         at_rest = tuple(a if n >= SETTLED_SAMPLES else b for n, a, b in zip(counts, resting, running, strict=True))
         return dataclasses.replace(noise, short=(at_rest, running), repeats=repeats)
 
+    def _left(self, noise: NoiseModel) -> FloatArray:
+        """Return the residuals whitened, (rows, q), without what the columns explain of them."""
+        whitened, _ = self.whitener.of(noise)(self.stacked)
+        flat = whitened.reshape(-1, whitened.shape[2])
+        beta = np.linalg.lstsq(flat[:, 1:], flat[:, 0], rcond=1e-9)[0] if flat.shape[1] > 1 else np.zeros(0)
+        return np.asarray(whitened[:, :, 0] - whitened[:, :, 1:] @ beta)
+
+    def _of_filters(self, noise: NoiseModel) -> dict[int, Short]:
+        """Return, of each channel whose noise is that of white noise behind its declared filters, its colour.
+
+        So it is where these tell its colour at least as well as any autoregression does.
+        """
+        if not self.colour or not any(self.behind):
+            return {}
+        left, found = self._left(noise), {}
+        for j in (j for j, colours in enumerate(self.behind) if colours and not self.is_held[j] and not self.counts[j]):
+            there = self.whitener.present[:, j] & (self.whitener.inflate[:, j] == 1.0)
+            series = [np.where(there[c.rows], left[c.rows, j], np.nan) for c in self.whitener.clocks]
+            nothing = np.zeros_like(self.behind[j][0][0])
+            alone = [innovations(series, a) for a in (nothing, *(a for a, _ in self.behind[j]))]
+            n, (power, *sizes) = len(alone[0]), [float(np.mean(x * x)) if len(x) else 0.0 for x in alone]
+            if not (power > 0 and n >= SETTLED_SAMPLES):
+                continue
+            best = int(np.argmin(sizes))
+            coefficients, rest = autoregression([np.nan_to_num(x) for x in series], n)
+            any_colour = n * np.log(rest**2 / power) + len(coefficients) * np.log(n) if len(coefficients) else 0.0
+            if n * np.log(sizes[best] / power) + np.log(n) < min(any_colour, -LEAST_FALL):
+                found[j] = self.behind[j][best]
+        return found
+
+    def _kept(self) -> dict[int, Short]:
+        """Return those that the whitener's noise has."""
+        running = self.whitener.noise.short[1] if self.whitener.noise.short else ()
+        return {j: own for j, own in enumerate(running) if any(np.array_equal(own[0], a) for a, _ in self.behind[j])}
+
+    def _alone(self) -> tuple[tuple[Short, ...], ...]:
+        """Return the short autoregressions where those of filters are the only ones."""
+        each = tuple(self.known.get(j, (np.zeros(0), 1.0)) for j in range(self.q))
+        return (each, each) if self.known else ()
+
     def _short(self, left: FloatArray, where: BoolArray, told: BoolArray) -> tuple[tuple[FloatArray, float], ...]:
         """Return the short autoregression of each channel, from these rows; none where they do not tell the colour."""
         result = []
         for j in range(self.q):
+            if j in self.known:
+                result.append(self.known[j])
+                continue
             if not told[j]:
                 result.append((np.zeros(0), 1.0))
                 continue

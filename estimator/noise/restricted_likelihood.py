@@ -105,6 +105,7 @@ class RestrictedLikelihood:
         """Return the same, (k, 1 + c, 1 + c) and (k,), of k deviations of each channel, (k, q), that grow alike."""
         told = (noise.growth, noise.running, noise.bends)
         key = b"".join(b"" if own is None else own.tobytes() for own in told) + str(noise.stands).encode()
+        key += b"".join(a.tobytes() for of_channels in noise.short for a, _ in of_channels)
         if key not in self._of_unit_noise:
             unit = self.whitener.of(dataclasses.replace(noise, white=np.ones_like(noise.white)))
             whitened, total = unit(self.stacked)

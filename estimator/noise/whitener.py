@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from estimator.noise.autoregression import ORDERS
 from estimator.noise.clock import Clock
 from estimator.noise.in_parts import Columns, Made, Scaled
-from estimator.noise.kalman import Gains, gains, shorten
+from estimator.noise.kalman import Gains, gains, rows_behind, shorten
 from estimator.noise.level import Level
 from estimator.noise.noise_model import COASTS, RESTS, RUNS, STARTS, WAYS, NoiseModel
 from estimator.plans.part import LONG
@@ -111,8 +111,6 @@ class Whitener:
             total += log
             parts.append(white)
         result = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        for short, counts in () if self._alike else zip(self.noise.short, self._counts, strict=False):
-            total += float(sum(2 * n * np.log(s) for n, (_, s) in zip(counts, short, strict=True)))
         return result, total
 
     def flat(self, columns: FloatArray) -> FloatArray:
@@ -218,15 +216,23 @@ class Whitener:
     def _part(self, columns: FloatArray, rows: slice, k: int) -> tuple[FloatArray, float]:
         """Return columns, (n, q, c), of n rows of clock k, whitened as if the noise had its usual state before.
 
-        The second is the sum of the logarithms of the innovations' variances, before the short autoregression.
+        The second is the sum of the logarithms of the innovations' variances.
         """
         clock = self.clocks[k]
         whole = rows == clock.rows and len(self.present) <= LONG  # else they are not held
         own = self._gains[k] if whole else self._gains_of(rows, k)
         white = own.whiten(columns, self._state_spaces[0][rows] if self.grows else None)
+        log = own.log_determinant
         if self.noise.short:
-            shorten(white, self.present[rows], self.moving[rows], self.noise.short)
-        return white, own.log_determinant
+            log += shorten(white, self.present[rows], self.moving[rows], self.noise.short, self._behind[rows])
+        return white, log
+
+    @cached_property
+    def _behind(self) -> NDArray[np.int64]:
+        """How many rows each sample has behind it for a short autoregression, (rows, q)."""
+        outlying, most = self.inflate != 1.0, max(ORDERS)
+        each = [rows_behind(self.present[c.rows], outlying[c.rows], most) for c in self.clocks]
+        return each[0] if len(each) == 1 else np.concatenate(each)
 
     @cached_property
     def _gains(self) -> list[Gains]:
@@ -256,11 +262,6 @@ class Whitener:
     def _alike(self) -> bool:
         """Whether the noise is as large while the machine rests as while it runs, beside what grows."""
         return all(s == 1.0 for short in self.noise.short for _, s in short)
-
-    @cached_property
-    def _counts(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Samples of each channel while the machine rests, and while it runs."""
-        return self.present[~self.moving].sum(axis=0), self.present[self.moving].sum(axis=0)
 
     @cached_property
     def _state_spaces(

@@ -354,20 +354,22 @@ EXPORT int64_t kalman_apply(int64_t n, int64_t q, int64_t c, int64_t d, int64_t 
 
 /* Take short autoregressions out of whitened columns, (n, q, c), in place, the last row first: of row j and channel i
    the sum of coefficient[l] times row j - 1 - l, then over the deviation. kind: (n) 0 or 1, which of both models of a
-   channel holds in a row; order, deviation: (2, q); coefficients: (2, q, most); missing samples, (n, q), are zero. */
-EXPORT void kalman_shorten(int64_t n, int64_t q, int64_t c, int64_t most, const int64_t *order,
-                           const double *coefficients, const double *deviation, const unsigned char *kind,
+   channel holds in a row; behind: (n, q), how many rows a sample has behind it, no more than the order: what predicts by
+   so many are the coefficients, (2, q, most + 1, most), and deviations, (2, q, most + 1), of each number of rows.
+   Missing samples, (n, q), are zero, and so is what is before the first row. */
+EXPORT void kalman_shorten(int64_t n, int64_t q, int64_t c, int64_t most, const double *coefficients,
+                           const double *deviation, const unsigned char *kind, const unsigned char *behind,
                            const unsigned char *present, double *columns)
 {
     for (int64_t j = n - 1; j >= 0; j--)
         for (int64_t i = 0; i < q; i++) {
             double *restrict y = columns + (j * q + i) * c;
-            const int64_t own = kind[j] * q + i;
+            const int64_t rows = behind[j * q + i], own = (kind[j] * q + i) * (most + 1) + rows;
             if (!present[j * q + i]) {
                 memset(y, 0, (size_t)c * sizeof *y);
                 continue;
             }
-            for (int64_t l = 0; l < order[own] && l < j; l++) {
+            for (int64_t l = 0; l < rows && l < j; l++) {
                 const double *restrict before = y - (l + 1) * q * c;
                 const double a = coefficients[own * most + l];
                 for (int64_t k = 0; k < c; k++) y[k] -= a * before[k];
