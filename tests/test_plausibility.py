@@ -50,6 +50,16 @@ def found(time, signals, guessed=SI, sure=frozenset(), **said):
     return implausible(MeasuredSignals("run.csv", time, signals, guessed=guessed, **said), sure=sure)
 
 
+def test_samples_too_near_for_any_motor_are_refused_whoever_says_their_unit():
+    """Of 1e-11 s and less the noise's fit ended in a LinAlgError."""
+    time, measured = signals(CML050, interval=1e-3)
+    (doubted,) = found(1e-5 * time, measured)  # of 10 ns: a unit that may be said again
+    assert (doubted.kind, doubted.is_fatal) == ("unit time", True)
+    assert found(1e-5 * time, measured, sure=frozenset({"time"})) == ()
+    (finding,) = found(1e-9 * time, measured, sure=frozenset({"time"}))
+    assert finding.is_fatal and "its samples are 1e-12 s apart (1e+12 Hz), too near for any motor" in finding.sentence
+
+
 @pytest.mark.parametrize("guessed", [SI, NOBODY], ids=["units said", "units not said"])
 @pytest.mark.parametrize("reverse", [False, True])
 def test_good_recordings_of_real_motors_are_plausible(guessed, reverse):

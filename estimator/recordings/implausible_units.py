@@ -36,6 +36,7 @@ SLOW_CLOCK = (1.0, 0.15)  # s, sampling interval at which the speed's way from l
 NO_CLOCK = (10.0, 0.95)  # s, sampling interval
 US_CLOCK, US_CONSTANT = 250.0, 3000.0  # s: beyond, milliseconds would be as odd; a thousandfold, microseconds too
 LEAST_CLOCK = 2e-8  # s, sampling interval
+SHORTEST_CLOCK = 1e-10  # s, whoever confirms it: below, nothing a motor does is told in double precision
 QUICKEST = 1e-4  # s, time constant of the speed: the least motors without iron take a millisecond
 SLOW_CURRENT = 0.5  # s from a step to the peak of the current; an inductance is over in some 20 ms
 DUTY = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 65535.0)  # largest values of a duty cycle: part, percent, counts
@@ -179,6 +180,13 @@ def clock_unit(m: MeasuredSignals) -> Finding | None:
     assumed = "time" in m.guessed
     constant = _time_constant(m)
     peak = _time_to_peak(m)
+    if step < SHORTEST_CLOCK:
+        return Finding(
+            "clock",
+            f"{m.title}: its samples are {step:.4g} s apart ({1 / step:.4g} Hz), too near for any motor to answer"
+            " between them: give the times in their true unit with --unit time=UNIT",
+            is_fatal=True,
+        )
     if step < LEAST_CLOCK:
         return Finding(
             "unit time",
