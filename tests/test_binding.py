@@ -8,8 +8,10 @@ from motors import CML050, step_recording, write_recording
 
 from estimator.cases.case import Case, read_case
 from estimator.commands.options import with_options
+from estimator.errors import InputError
 from estimator.fmus.fmu import describe
 from estimator.plans.binding import bind
+from estimator.plans.planning import plan_case
 from estimator.recordings.reading import read_recording
 
 
@@ -55,3 +57,31 @@ def test_the_same_names_hold_in_another_fmu():
 def test_bounds_for_one_parameter_leave_free_what_would_be_free_without():
     case = with_options(Case(fmu="dc_motor_friction"), bounds=[("R", (0.1, 10.0))])
     assert list(case.parameters) == ["R", "K", "L", "J", "B", "friction"]
+
+
+@pytest.mark.parametrize(
+    ("said", "complaint"),
+    [
+        (
+            '[expect]\nRr = { value = 3.1, within = "1 %" }',
+            r"\[expect\]: the estimate will have no parameter 'Rr'; did",
+        ),
+        (
+            '[expect]\nstandard_error = { Q = "1 %" }',
+            r"\[expect\]: the estimate will have no parameter 'Q' \(R, K, J, B, L",
+        ),
+        ("[expect]\nrmse = { u = 0.1 }", r"\[expect\]: the estimate will have no output 'u' \(i, w\)"),
+        (
+            "[parameters]\nR = { start = -3 }",
+            "parameter 'R' starts at -3, outside the range 1e-06 to 1e\\+06 that dc_mo",
+        ),
+        ("[fixed]\nB = true", r"\[fixed\] B is a number in dc_motor.fmu; give one, not true"),
+    ],
+)
+def test_what_the_fmu_cannot_mean_is_told_before_anything_is_simulated(said, complaint, tmp_path):
+    write_recording(step_recording(CML050, lead=0.02, duration=0.1), tmp_path / "step.csv")
+    case = tmp_path / "a.case.toml"
+    fixed = "" if "[fixed]" in said else "[fixed]\nL = 0.013\n"
+    case.write_text(f'{fixed}{said}\n[[recording]]\nfile = "step.csv"\n')
+    with pytest.raises(InputError, match=complaint):
+        plan_case(read_case(case), describe("dc_motor"))

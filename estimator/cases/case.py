@@ -282,7 +282,7 @@ def _is_text(value: Any) -> bool:
 
 def _held(fixed: Table, name: str) -> float:
     value = fixed.value[name]
-    return float(value) if isinstance(value, bool) else fixed.required_number(name)
+    return value if isinstance(value, bool) else fixed.required_number(name)
 
 
 def _parameter(table: Table) -> ParameterSpec:

@@ -290,6 +290,8 @@ def _fixed_values(names: Binding) -> tuple[dict[str, float], dict[str, str]]:
         variable = names.target(name)
         if variable.type == "String":
             raise CaseError(f"[fixed] {name} is a text in {path}; write it in quotes")
+        if variable.is_real and isinstance(value, bool):
+            raise CaseError(f"[fixed] {name} is a number in {path}; give one, not {str(value).lower()}")
         if not variable.is_real and value != round(value):
             raise CaseError(f"[fixed] {name} is {variable.type} in {path}; {value:g} is no whole number")
         if reach := variable.reach_without(value):
@@ -297,7 +299,7 @@ def _fixed_values(names: Binding) -> tuple[dict[str, float], dict[str, str]]:
         if variable.items and value not in dict(variable.items).values():
             known = ", ".join(f"{item} = {number}" for item, number in variable.items)
             raise CaseError(f"[fixed] {name} of {path} has no item of the value {value:g} ({known})")
-        numbers[name] = value
+        numbers[name] = float(value)
     for name, text in names.case.fixed_texts.items():
         variable = names.target(name)
         items = dict(variable.items)

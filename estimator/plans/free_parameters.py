@@ -118,6 +118,11 @@ def _parameter(spec: ParameterSpec, binding: Binding, guess: Mapping[str, float]
     targets = [binding.target(variable) for variable in spec.fmu]
     gains = spec.gains or (1.0,) * len(targets)
     allowed = _limits(targets, gains)
+    if spec.start is not None and _within(spec.start, allowed) != spec.start:
+        raise InputError(
+            f"parameter {name!r} starts at {spec.start:g}, outside the range {reach(*allowed)} that"
+            f" {binding.description.path.name} allows"
+        )
     start = spec.start if spec.start is not None else _within(guess.get(name), allowed)
     if start is None:
         start = spec.nominal if spec.nominal is not None else _over(_number(targets[0].start), gains[0])

@@ -12,7 +12,7 @@ import numpy as np
 from estimator.cases.case import Case, RunSpec
 from estimator.cases.expansion import told_apart
 from estimator.cases.keys import FREE
-from estimator.errors import CaseError, RecordingError
+from estimator.errors import CaseError, RecordingError, suggestion
 from estimator.fmus.fmu import FmuDescription
 from estimator.method_names import WITHOUT_POLISH
 from estimator.plans.binding import Binding, bind
@@ -77,6 +77,8 @@ def plan_case(
     sensors, observed = _sensors(binding, observed)
     guess = first_guess(binding, observed)
     parameters = free_parameters(binding, guess, [o.recording.name for o in observed])
+    if not held_out:
+        _check_expected(case, [*(p.name for p in parameters), *binding.fixed], [*binding.outputs])
     return Plan(
         case=case,
         binding=binding,
@@ -107,6 +109,16 @@ def _check_held_out(recordings: Sequence[Recording], runs: Sequence[RunSpec]) ->
     for recording, key, run in zip(recordings, whole, runs, strict=True):
         if run.validate and recording.path is not None and key in fitted:
             raise CaseError(f"{recording.title} is fitted to, so it cannot validate the fit; give another recording")
+
+
+def _check_expected(case: Case, parameters: Sequence[str], outputs: Sequence[str]) -> None:
+    """Refuse what is expected of a parameter or an output that no estimate of the case will have."""
+    for name in (*case.expect, *case.limits.standard_error):
+        if name not in parameters:
+            raise CaseError(f"[expect]: the estimate will have no parameter {name!r}{suggestion(name, parameters)}")
+    for name in case.limits.rmse:
+        if name not in outputs:
+            raise CaseError(f"[expect]: the estimate will have no output {name!r}{suggestion(name, outputs)}")
 
 
 def _copies(observed: Sequence[Observed]) -> list[str]:
