@@ -8,7 +8,7 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-from estimator.errors import InputError
+from estimator.errors import InputError, is_sized
 
 
 def number(name: str, value: Any, *, above: float = -math.inf) -> float:
@@ -19,10 +19,17 @@ def number(name: str, value: Any, *, above: float = -math.inf) -> float:
     InputError
         It is none; so of the other functions.
     """
-    if isinstance(value, bool) or not isinstance(value, numbers.Real) or not above < float(value) < math.inf:
+    if isinstance(value, bool) or not isinstance(value, numbers.Real) or not _is_above(value, above):
         least = f" above {above:g}" if above > -math.inf else ""
         raise InputError(f"{name}={value!r} is no finite number{least}")
     return float(value)
+
+
+def _is_above(value: numbers.Real, least: float) -> bool:
+    try:
+        return float(value) > least and is_sized(float(value))
+    except OverflowError:
+        return False
 
 
 def count(name: str, value: Any, *, least: int) -> int:

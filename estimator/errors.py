@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
+LEAST_SIZE, LARGEST_SIZE = 1e-150, 1e150  # of a number that is given
+SIZES = f"0, or of a size from {LEAST_SIZE:g} to {LARGEST_SIZE:g}"
+
 
 class EstimatorError(Exception):
     """Base of all errors that this package raises on purpose."""
@@ -68,6 +71,11 @@ def suggestion(name: str, known: Iterable[str], *, among: Sequence[str] | None =
 def one_line(error: object) -> str:
     """Return the text of an error on one line, without the traceback's noise."""
     return " ".join(str(error).split())[:400] or type(error).__name__
+
+
+def is_sized(value: float) -> bool:
+    """Return whether a number is finite, and zero or of a size whose square is told from zero and from infinity."""
+    return value == 0 or LEAST_SIZE <= abs(value) <= LARGEST_SIZE
 
 
 def is_text(name: str) -> bool:

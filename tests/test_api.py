@@ -119,6 +119,7 @@ def test_what_is_no_recording_is_told():
         ({"temperature": -300}, "temperature=-300 is no finite number above -273.15"),
         ({"fix": {"R": "2"}}, "fix['R']='2' is no finite number"),
         ({"fix": ["R"]}, "fix=['R'] is no mapping of names to numbers"),
+        ({"fix": {"R": 10**400}}, "is no finite number"),
         ({"scale": {"i": float("nan")}}, "scale['i']=nan is no finite number"),
         ({"bounds": {"R": 5}}, "bounds['R']=5 is no pair of numbers, such as (0.4, 2.0)"),
         ({"bounds": {"R": (5, 1)}}, "bounds['R']=(5, 1) ends before it begins; give the lower end first"),

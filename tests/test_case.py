@@ -1,6 +1,7 @@
 """Case files: what the contract says, every complaint with its line, and a round trip (strict_toml.py included)."""
 
 import copy
+import operator
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -220,6 +221,20 @@ COMPLAINTS = {
     "step infinite": ("[fmu]\nstep = inf\n" + RECORDING, "line 2: fmu.step must be a finite number, not inf"),
     "step nan": ("[fmu]\nstep = nan\n" + RECORDING, "line 2: fmu.step must be a finite number, not nan"),
     "step huge": (f"[fmu]\nstep = 1{'0' * 400}\n" + RECORDING, "line 2: fmu.step must be a finite number, not inf"),
+    "a size that squares to nothing": (
+        RECORDING + "[parameters]\nB = { min = 1e-308, max = 2e-308 }\n",
+        "line 4: parameters.B.min must be 0, or of a size from 1e-150 to 1e+150, not 1e-308",
+    ),
+    "a size that squares to infinity": (
+        RECORDING + "[parameters]\nR = { nominal = 1e300 }\n",
+        "line 4: parameters.R.nominal must be 0, or of a size from 1e-150 to 1e+150, not 1e+300",
+    ),
+    "a window without end": (RECORDING + f"window = [0, 1{'0' * 400}]\n", "line 3: recording.window must be two times"),
+    "a window of texts": (RECORDING + 'window = ["0", "1"]\n', "line 3: recording.window must be two times in s"),
+    "a start without end": (
+        RECORDING + f"[search]\nstarts = {{ R = 1{'0' * 400} }}\n",
+        "line 4: search.starts must be files, or values such as",
+    ),
     "digits without end": (f"[fmu]\nstep = 1{'0' * 5000}\n" + RECORDING, "is not valid TOML"),
     "step a boolean": ("[fmu]\nstep = true\n" + RECORDING, "line 2: fmu.step must be a number, not true"),
     "input no text": ("[inputs]\nv = 3\n" + RECORDING, "line 2: inputs.v must be a text in quotes, not 3"),
@@ -422,8 +437,8 @@ def test_a_case_is_locked(folder: Path) -> None:
         case_of(folder, FULL).fixed["L"] = 1.0  # type: ignore[index]
 
 
-FINITE = st.floats(allow_nan=False, allow_infinity=False)
-POSITIVE = st.floats(min_value=1e-300, max_value=1e300)
+POSITIVE = st.floats(min_value=1e-150, max_value=1e150)
+FINITE = st.just(0.0) | POSITIVE | POSITIVE.map(operator.neg)
 NAMES = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=6)
 TEXTS = NAMES.filter(lambda text: bool(text.strip()))
 ORDERS = st.integers(1, 20)
@@ -457,7 +472,7 @@ RUNS = st.builds(
     scale=st.dictionaries(NAMES, FINITE, max_size=2),
     offset=st.dictionaries(NAMES, FINITE, max_size=2),
     delay=VALUES,
-    temperature=st.none() | st.floats(-200, 500),
+    temperature=st.none() | st.integers(-2000, 5000).map(lambda tenths: tenths / 10),
 )
 
 

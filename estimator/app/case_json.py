@@ -12,7 +12,7 @@ from typing import Any
 
 from estimator.app.place import Place
 from estimator.cases.case import FMI_KINDS, LOSSES, METHODS, Case, OutputSpec, ParameterSpec, RunSpec
-from estimator.cases.starts import is_number
+from estimator.cases.strict_toml import number_in
 from estimator.errors import InputError
 from estimator.fmus.fmu import FmuDescription
 from estimator.fmus.variable import Variable
@@ -228,7 +228,11 @@ def _run(row: Mapping[str, Any], role: str, before: RunSpec) -> RunSpec:
     window = row.get("window")
     ends: tuple[float, float] | None = None
     if window is not None:
-        if not isinstance(window, Sequence) or len(window) != 2 or not all(is_number(end) for end in window):
+        if (
+            not isinstance(window, Sequence)
+            or len(window) != 2
+            or not all(number_in(end) is not None for end in window)
+        ):
             raise InputError(f"the window of {row['file']!r} must be two times in s")
         ends = (float(window[0]), float(window[1]))
     delay = row.get("delay")
@@ -287,7 +291,7 @@ def _texts(mapping: Any, key: str) -> dict[str, str]:
 
 def _numbers(row: Mapping[str, Any], key: str) -> dict[str, float]:
     found = row.get(key) or {}
-    if not isinstance(found, Mapping) or not all(is_number(value) for value in found.values()):
+    if not isinstance(found, Mapping) or not all(number_in(value) is not None for value in found.values()):
         raise InputError(f"{key} must be an object of numbers")
     return {str(name): float(value) for name, value in found.items()}
 
@@ -296,6 +300,7 @@ def _number(row: Mapping[str, Any], key: str) -> float | None:
     value = row.get(key)
     if value is None:
         return None
-    if not is_number(value):
+    number = number_in(value)
+    if number is None:
         raise InputError(f"{key} must be a number, not {value!r}")
-    return float(value)
+    return number

@@ -12,7 +12,7 @@ from typing import Any
 
 from estimator.cases import keys
 from estimator.cases.keys import Key, Keys, Value
-from estimator.cases.strict_toml import Table
+from estimator.cases.strict_toml import Table, number_in
 from estimator.locked import Locked
 from estimator.recordings.filters import (
     FAMILIES,
@@ -81,9 +81,9 @@ class RunSpec(Locked):
 
 def _window(entry: Table, key: str) -> tuple[float, float]:
     ends = entry.value[key]
-    if not isinstance(ends, list) or len(ends) != 2 or not all(_is_number(end) for end in ends):
+    low, high = (number_in(end) for end in ends) if isinstance(ends, list) and len(ends) == 2 else (None, None)
+    if low is None or high is None:
         entry.fail((key,), f"{entry.full(key)} must be two times in s, such as [0.4, 2.0]")
-    low, high = float(ends[0]), float(ends[1])
     if low >= high:
         entry.fail((key,), f"{entry.full(key)} ends before it begins; write [from, to] in s")
     return low, high
@@ -145,34 +145,26 @@ def _filter(about: str) -> Key:
 
 def _coefficients(table: Table, key: str) -> tuple[float, ...]:
     values = table.value.get(key)
-    if not isinstance(values, list) or not values or not all(_is_number(value) for value in values):
+    numbers = [number_in(value) for value in values] if isinstance(values, list) else []
+    coefficients = tuple(number for number in numbers if number is not None)
+    if not numbers or len(coefficients) < len(numbers):
         table.fail(
             (key,) if key in table.value else (), f"{table.full(key)} must be a list of numbers, such as [0.1, 0.1]"
         )
     from estimator.recordings.sensors import transfer_sections
 
-    if len(values) > MAX_COEFFICIENTS:
+    if len(numbers) > MAX_COEFFICIENTS:
         table.fail(
             (key,),
-            f"{table.full(key)} has {len(values)} coefficients, of which {MAX_COEFFICIENTS} at most can be used;"
+            f"{table.full(key)} has {len(numbers)} coefficients, of which {MAX_COEFFICIENTS} at most can be used;"
             " a running mean is average = n, samples",
         )
-    coefficients = tuple(float(value) for value in values)
     if key == "a":
         try:
             transfer_sections((1.0,), coefficients)
         except ValueError as error:
             table.fail((key,), f"{table.full(key)}: {error}; take a stable filter's")
     return coefficients
-
-
-def _is_number(value: Any) -> bool:
-    if isinstance(value, bool):
-        return False
-    try:
-        return abs(float(value)) < float("inf")
-    except (TypeError, ValueError):
-        return False
 
 
 INPUT = Keys(

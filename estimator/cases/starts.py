@@ -9,14 +9,12 @@ from __future__ import annotations
 
 import csv
 import json
-import math
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 from estimator.cases.keys import CELL, TEXT, Key
-from estimator.cases.strict_toml import Table
-from estimator.errors import InputError, suggestion
+from estimator.cases.strict_toml import Table, number_in
+from estimator.errors import InputError, is_sized, suggestion
 from estimator.recordings.headers import parse_header
 
 Start = Mapping[str, float] | str  # values in SI units, or a file's absolute path
@@ -101,7 +99,7 @@ def _of_table(text: str) -> list[dict[str, float]]:
                 value = float(cell)
             except ValueError:
                 continue
-            if math.isfinite(value):
+            if is_sized(value):
                 row[header.name] = header.unit.to_si(value) if header.unit is not None else value
         rows.append(row)
     return rows
@@ -119,16 +117,13 @@ def _read(table: Table, key: str) -> tuple[Start, ...]:
     for entry in entries:
         if isinstance(entry, str):
             found.append(str(Table(table.document, table.way, {key: entry}).file(key, what="table of starts")))
-        elif isinstance(entry, dict) and entry and all(is_number(x) for x in entry.values()):
-            found.append({name: float(x) for name, x in entry.items()})
-        else:
+            continue
+        numbers = {name: number_in(value) for name, value in entry.items()} if isinstance(entry, dict) else {}
+        start = {name: number for name, number in numbers.items() if number is not None}
+        if not numbers or len(start) < len(numbers):
             table.fail((key,), f"{table.full(key)} must be files, or values such as {{ R = 3, K = 0.05 }}")
+        found.append(start)
     return tuple(found)
-
-
-def is_number(value: Any) -> bool:
-    """Whether what JSON or TOML holds is a finite number."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
 _ENTRY = {"anyOf": [TEXT, {"type": "object", "additionalProperties": {"type": "number"}, "minProperties": 1}, CELL]}

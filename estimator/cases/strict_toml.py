@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-from estimator.errors import CaseError, is_text, suggestion
+from estimator.errors import SIZES, CaseError, is_sized, is_text, suggestion
 
 Way = tuple[str | int, ...]  # the way to a value: ("parameters", "R", "min"), ("recording", 0, "file")
 
@@ -80,7 +80,7 @@ class Table:
         return f"{self.title}.{key}" if self.way else key
 
     def number(self, key: str, *, above: float | None = None) -> float | None:
-        """Return a finite number, or None if the key is not there; true and false are no numbers."""
+        """Return a number of a usual size, or None if the key is not there; true and false are no numbers."""
         value = _number_of(self.value.get(key))
         if value is None:
             return None
@@ -92,6 +92,8 @@ class Table:
             number = math.inf
         if not math.isfinite(number):
             self.fail((key,), f"{self.full(key)} must be a finite number, not {number}")
+        if not is_sized(number):
+            self.fail((key,), f"{self.full(key)} must be {SIZES}, not {number:g}")
         if above is not None and number <= above:
             self.fail((key,), f"{self.full(key)} must be above {above:g}, not {number:g}")
         return number
@@ -322,6 +324,13 @@ def _number_of(value: Any) -> Any:
         return int(value) if re.fullmatch(r"[-+]?\d+", value, re.ASCII) else float(value.number)
     except ValueError:
         return value
+
+
+def number_in(value: Any) -> float | None:
+    """Return the number, of a usual size, that a value of JSON or TOML is; None: it is none."""
+    value = _number_of(value)
+    is_one = isinstance(value, (int, float)) and not isinstance(value, bool) and is_sized(value)
+    return float(value) if is_one else None
 
 
 def _where(folder: Path | None) -> str:

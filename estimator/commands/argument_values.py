@@ -7,6 +7,8 @@ import math
 import os
 from collections.abc import Callable
 
+from estimator.errors import SIZES, is_sized
+
 
 def assignment(text: str) -> tuple[str, float]:
     """Read ``NAME=VALUE``."""
@@ -121,6 +123,8 @@ def _number(text: str, *, of: str) -> float:
     if not math.isfinite(value):
         where = "" if text == of else f" in {of!r}"
         raise argparse.ArgumentTypeError(f"{text!r}{where} is not a number; write it as 0.013 or 1.3e-2")
+    if not is_sized(value):
+        raise argparse.ArgumentTypeError(f"{text!r} must be {SIZES}")
     return value
 
 
