@@ -752,7 +752,7 @@ def with_one(values: np.ndarray, k: int, value: float) -> np.ndarray:
     [
         (TIME, {"v": VOLTAGE[:-1]}, "bench: 'v' has shape (39,); it should be one-dimensional and as long as time"),
         (TIME[:, None], {"v": VOLTAGE}, "bench: 'time [s]' has shape (40, 1); it should be one-dim"),
-        (TIME, {"v": with_one(VOLTAGE, 3, np.inf)}, "bench sample 3: 'v' is infinite"),
+        (TIME, {"v": with_one(VOLTAGE, 3, np.inf)}, "bench sample 3: v is inf, which nothing measures; use NaN"),
         (with_one(TIME, 3, np.nan), {"v": VOLTAGE}, "bench sample 3: time is empty"),
         (with_one(TIME, 3, 0.0), {"v": VOLTAGE}, "bench sample 3: time does not increase"),
         (with_one(TIME, 3, 0.0033), {"v": VOLTAGE}, "bench sample 3: time is off its uniform grid by 0.3 of a step"),

@@ -12,6 +12,7 @@ from estimator.errors import RecordingError
 from estimator.recordings.columns import Signal, on_one_clock
 from estimator.recordings.headers import parse_header
 from estimator.recordings.motor_columns import motor_columns
+from estimator.recordings.read_as import ReadAs
 from estimator.recordings.reading import read_recording
 from estimator.recordings.recording import Recording
 
@@ -240,8 +241,25 @@ def test_parquet_is_read_by_headers_fields_and_pandas_attributes(tmp_path: Path)
 def test_an_infinite_sample_is_told(tmp_path: Path) -> None:
     current = CURRENT.copy()
     current[7] = -np.inf
-    with pytest.raises(RecordingError, match=r"run3.parquet sample 7: 'current \[A\]' is infinite; use NaN"):
-        parquet(tmp_path / "run3.parquet", {"time [s]": TIME, "voltage [V]": V, "current [A]": current})
+    columns = {"time [s]": TIME, "voltage [V]": V, "current [A]": current}
+    with pytest.raises(RecordingError, match="run3.parquet sample 7: current is -inf, which nothing measures; use NaN"):
+        parquet(tmp_path / "run3.parquet", columns).column("current")
+
+
+@pytest.mark.parametrize("time", [{}, {"time": TIME}])
+def test_an_infinite_sample_of_a_mat_file_is_told_by_matlabs_own_count(
+    tmp_path: Path, time: dict[str, np.ndarray]
+) -> None:
+    """Beside a time its signal was left out without a word."""
+    from scipy.io import savemat
+
+    speed = W.copy()
+    speed[7] = np.inf
+    savemat(tmp_path / "run3.mat", {**time, "voltage": V, "current": CURRENT, "speed": speed})
+    recording = read_recording(tmp_path / "run3.mat", ReadAs() if time else ReadAs(rate=1000))
+    assert recording.column("current") == "current"
+    with pytest.raises(RecordingError, match="run3.mat sample 8: speed is inf, which nothing measures; use NaN for a"):
+        recording.column("speed")
 
 
 def test_parquet_nulls_are_missing_samples_and_text_harms_nobody_until_it_is_used(tmp_path: Path) -> None:

@@ -265,7 +265,8 @@ def _unreadable(raw: RawTable, names: Sequence[str], clock: int, read_as: ReadAs
     for j, column in enumerate(columns):
         if (k := _huge(column, LARGEST_TIME if j == clock else LARGEST)) is not None:
             sample = f"{raw.place(k)}: {names[j]} is {float(column[k]):g}"
-            found[j] = f"{sample}, which nothing measures; leave the cell of a missing sample empty"
+            remedy = "use NaN for a missing sample" if raw.text is None else "leave the cell of a missing sample empty"
+            found[j] = f"{sample}, which nothing measures; {remedy}"
     if clock not in found and clock in held:
         found[clock] = not_a_number(clock)
     if clock in found:

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.errors import RecordingError
 from estimator.recordings.clock_text import seconds_since_first
 from estimator.recordings.columns import Columns
 from estimator.recordings.delimited import BadCell, read_table
@@ -78,7 +77,7 @@ def raw_table(path: Path, read_as: ReadAs) -> RawTable:
 def raw_columns(name: str, columns: Columns, path: Path | None) -> RawTable:
     """Return columns as what a file holds."""
     where = path.name if path else name
-    check_finite(where, columns.headers, columns.columns)
+    first = 1 if path and path.suffix.lower() == ".mat" else 0  # as the language counts that reads it
     texts = {j: columns.texts[header] for j, header in enumerate(columns.headers) if header in columns.texts}
     return RawTable(
         name,
@@ -86,17 +85,9 @@ def raw_columns(name: str, columns: Columns, path: Path | None) -> RawTable:
         list(columns.headers),
         list(columns.columns),
         where=where,
-        place=lambda k: f"{where} sample {k}",
+        place=lambda k: f"{where} sample {k + first}",
         texts_in=texts,
     )
-
-
-def check_finite(where: str, texts: Sequence[str], columns: Sequence[FloatArray]) -> None:
-    """Raise a RecordingError where a sample is infinite."""
-    for text, column in zip(texts, columns, strict=True):
-        if np.isinf(column).any():
-            k = int(np.argmax(np.isinf(column)))
-            raise RecordingError(f"{where} sample {k}: {text!r} is infinite; use NaN for a missing sample")
 
 
 def _read_text(path: Path, read_as: ReadAs) -> RawTable:

@@ -12,7 +12,7 @@ from estimator.errors import RecordingError
 from estimator.recordings.array_values import array_values
 from estimator.recordings.columns import Columns
 from estimator.recordings.from_raw import recording_of, timed
-from estimator.recordings.raw_table import RawTable, check_finite, raw_columns, raw_table
+from estimator.recordings.raw_table import RawTable, raw_columns, raw_table
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.recording import Recording
 from estimator.recordings.tests_in_file import labels_of, tests_of
@@ -127,6 +127,8 @@ def recording_from_arrays(
             raise RecordingError(
                 f"{name}: {text!r} has shape {column.shape}; it should be one-dimensional and as long as time"
             )
-    check_finite(name, texts, columns)
     raw = RawTable(name, path, texts, columns, where=name, place=lambda k: f"{name} sample {k}")
-    return recording_of(raw, AS_WRITTEN)
+    recording = recording_of(raw, AS_WRITTEN)
+    if recording.unreadable:
+        raise RecordingError(next(iter(recording.unreadable.values())))
+    return recording

@@ -311,7 +311,7 @@ def _vector(value: Any) -> FloatArray | None:
     if array is None:
         return None
     array = np.squeeze(array)
-    return array if array.ndim == 1 and not np.isinf(array).any() else None
+    return array if array.ndim == 1 else None
 
 
 def _text(value: Any) -> str:
