@@ -240,7 +240,7 @@ def test_check_writes_a_figure_of_each_file_and_json(file, tmp_path, capsys):
         ),
         ("t,u,i,w", ("--unit", "w=rpm", "--unit", "w=deg/s"), "--unit is given twice for 'w'"),
         ("t,u,i,w", ("--scale", "q=2"), "scale is given for 'q', which is no signal of run.csv that is used (v, i, w)"),
-        ("t,u,i,w", ("--offset", "i=1e300"), "the scale 1 and the offset 1e+300 make i of run.csv as large as 1e+300"),
+        ("t,u,i,w", ("--offset", "i=1e140"), "the scale 1 and the offset 1e+140 make i of run.csv as large as 1e+140"),
     ],
 )
 def test_what_cannot_be_read_is_one_sentence_and_status_2(header, words, sentence, file, bench, capsys):

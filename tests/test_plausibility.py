@@ -57,7 +57,31 @@ def test_samples_too_near_for_any_motor_are_refused_whoever_says_their_unit():
     assert (doubted.kind, doubted.is_fatal) == ("unit time", True)
     assert found(1e-5 * time, measured, sure=frozenset({"time"})) == ()
     (finding,) = found(1e-9 * time, measured, sure=frozenset({"time"}))
-    assert finding.is_fatal and "its samples are 1e-12 s apart (1e+12 Hz), too near for any motor" in finding.sentence
+    assert (
+        finding.is_fatal
+        and finding.is_sure
+        and "its samples are 1e-12 s apart (1e+12 Hz), too near for any motor" in finding.sentence
+    )
+
+
+@pytest.mark.parametrize(
+    ("signal", "factor", "told"),
+    [
+        ("v", 1e-6, "the voltage goes up to 1.05e-05 V"),
+        ("v", 1e5, "the voltage goes up to 1.05e+06 V"),
+        ("i", 1e-6, "the current goes up to 2.3"),
+        ("i", 1e9, "the current goes up to 2.3"),
+        ("w", 1e-9, "the speed goes up to 1."),
+        ("w", 1e6, "the speed goes up to 1."),
+    ],
+)
+def test_a_size_that_no_motor_has_is_refused_whoever_says_its_unit(signal, factor, told):
+    """Their fits ended in a LinAlgError, or after half a minute."""
+    time, measured = signals(CML050, interval=1e-3)
+    measured[signal] = factor * measured[signal]
+    first = found(time, measured, sure=frozenset({"v", "i", "w", "time"}))[0]
+    assert first.kind == f"unit {signal}" and first.is_fatal
+    assert told in first.sentence and f"--scale {signal}=FACTOR" in first.sentence
 
 
 @pytest.mark.parametrize("guessed", [SI, NOBODY], ids=["units said", "units not said"])

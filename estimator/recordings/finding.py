@@ -23,6 +23,7 @@ class Finding:
     kind : "exchanged", "sign i", "unit w", "coasts", …
     sentence : what it looks like, with its evidence, and what puts it right
     is_fatal : nothing could be estimated from it
+    is_sure : it is told whoever says that the unit is right
     is_harmless : what it takes away is in the standard errors: it is told, and lowers no verdict
     evidence : where in the recording it shows
     """
@@ -30,5 +31,6 @@ class Finding:
     kind: str
     sentence: str
     is_fatal: bool = False
+    is_sure: bool = False
     is_harmless: bool = False
     evidence: tuple[Evidence, ...] = ()

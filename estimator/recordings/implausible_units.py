@@ -48,7 +48,31 @@ NEARLY = 0.9  # of the largest sample: what is called the largest
 DECIMAL = 0.01  # of a digit: a quantum of 1, 2 or 5 × 10ⁿ is the print's
 RAW = frozenset({"raw", "adc"})  # words of a heading
 LINES, WHOLE = (16, 20_000), 0.02  # of an encoder a turn; of a count
+SIZES = {  # of the largest sample, of a watch's motor or a turn in two hours to a locomotive's or a dentist's turbine
+    "v": (5e-4, 1e5, "voltage", "V"),
+    "i": (2e-5, 1e5, "current", "A"),
+    "w": (1e-3, 1e5, "speed", "rad/s"),
+}
 _PER_TURN = {"rpm": 60.0, "deg/s": 360.0, "rev/s": 1.0}
+
+
+def size(m: MeasuredSignals, name: str) -> Finding | None:
+    """Find a signal of which no motor has the size, whoever says its unit: nothing that is fitted to it is a number."""
+    if name not in m.signals:
+        return None
+    least, most, title, unit = SIZES[name]
+    y = np.abs(m.signals[name])
+    largest = float(np.nanmax(y))
+    if largest == 0 or least <= largest <= most:
+        return None
+    return Finding(
+        f"unit {name}",
+        f"{m.title}: the {title} goes up to {largest:.4g} {unit}, as no motor's does: say its true unit with --unit"
+        f" {name}=UNIT, or give a factor with --scale {name}=FACTOR",
+        is_fatal=True,
+        is_sure=True,
+        evidence=(m.beyond(name, y, NEARLY * largest),),
+    )
 
 
 def voltage_unit(m: MeasuredSignals) -> Finding | None:
@@ -182,10 +206,11 @@ def clock_unit(m: MeasuredSignals) -> Finding | None:
     peak = _time_to_peak(m)
     if step < SHORTEST_CLOCK:
         return Finding(
-            "clock",
+            "unit time",
             f"{m.title}: its samples are {step:.4g} s apart ({1 / step:.4g} Hz), too near for any motor to answer"
             " between them: give the times in their true unit with --unit time=UNIT",
             is_fatal=True,
+            is_sure=True,
         )
     if step < LEAST_CLOCK:
         return Finding(

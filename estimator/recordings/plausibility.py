@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 from estimator.recordings.finding import Finding
 from estimator.recordings.implausible_angle import angle_unit
 from estimator.recordings.implausible_columns import exchanged_columns, lone_samples, wrong_signs
-from estimator.recordings.implausible_units import clock_unit, converter_counts, current_unit, speed_unit, voltage_unit
+from estimator.recordings.implausible_units import (
+    clock_unit,
+    converter_counts,
+    current_unit,
+    size,
+    speed_unit,
+    voltage_unit,
+)
 from estimator.recordings.measured_signals import MeasuredSignals
 from estimator.recordings.odd_drives import coasts, dead_band, is_held
 from estimator.recordings.understood import Understood
@@ -73,9 +80,12 @@ def implausible(as_read: MeasuredSignals, *, sure: frozenset[str] = frozenset())
     exchanged = None if signs else exchanged_columns(measured)
     if exchanged is not None:
         return (exchanged,)  # of columns that are others, nothing else is true
-    doubted = voltage_unit(measured)
+    held = is_held(title, time, known)
+    doubted = size(measured, "v") or voltage_unit(measured)
     found = [
         *signs,
+        size(measured, "i"),
+        size(measured, "w") if held is None else None,
         *lone_samples(measured),
         *converter_counts(measured),
         doubted,
@@ -85,12 +95,12 @@ def implausible(as_read: MeasuredSignals, *, sure: frozenset[str] = frozenset())
         clock_unit(measured),
     ]
     found += [
-        is_held(title, time, known),
+        held,
         coasts(title, time, known),
         dead_band(title, time, known),
     ]
-    first: dict[str, Finding] = {}  # of what is a converter's counts, no other unit is told
+    first: dict[str, Finding] = {}  # of what is a converter's counts, or of no motor's size, no other unit is told
     for f in found:
-        if f is not None and f.kind not in {f"unit {name}" for name in sure}:
+        if f is not None and (f.is_sure or f.kind not in {f"unit {name}" for name in sure}):
             first.setdefault(f.kind, f)
     return tuple(first.values())
