@@ -51,6 +51,13 @@ def test_gauge_r_and_r_of_two_motors():
     assert s.standard_error == pytest.approx(0.1)
 
 
+def test_one_case_that_leaves_much_open_is_not_what_the_cases_say_of_themselves():
+    """One of 20 simulated recordings had a bar of 9 % of B among bars of 0.2 %: the root mean square was 2 %."""
+    errors = [0.002] * 19 + [0.09]
+    (s,) = spreads([row(f"m{k}", 1.0 + 0.001 * (k % 3), error=e) for k, e in enumerate(errors)])
+    assert s.standard_error == pytest.approx(0.002)
+
+
 def test_one_run_a_motor_has_a_spread_but_no_gauge():
     (s,) = spreads([row("a", 1.0), row("b", 3.0)])
     assert (s.between, s.repeats, s.gauge_percent, s.categories) == (None,) * 4

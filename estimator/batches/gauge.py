@@ -50,7 +50,7 @@ class Spread:
     motors, runs : number of motors, and of estimates in all
     between, repeats : standard deviations between motors, and of the runs of one motor
     total : √(between² + repeats²), or the deviation of all values where every motor has one run
-    standard_error : root mean square of what the estimates themselves say
+    standard_error : median of what the estimates themselves say: one that leaves much open is not all of them
     gauge_percent : 100 repeats / total; below 10 is good, above 30 useless
     categories : how many kinds of motors the measurement can tell apart; 5 and more is good
     drift : slope over the cases in their order, a case; drift_probability : of such a slope without a drift
@@ -240,7 +240,7 @@ def _spread(name: str, unit: str, entries: Sequence[tuple[str, str, float, float
         between=between,
         repeats=repeats,
         total=total,
-        standard_error=float(np.sqrt(np.mean(np.square(errors)))) if errors else None,
+        standard_error=float(np.median(errors)) if errors else None,
         gauge_percent=gauge,
         categories=categories,
         drift=None if found is None else found[0],
