@@ -434,6 +434,10 @@ COMPLAINTS: dict[str, tuple[str | bytes, str]] = {
         "run3.csv line 1: there is no header above the numbers",
     ),
     "no header after a comment": ("# bench 3\n" + "\n".join(ROWS), "run3.csv line 2: there is no header above the"),
+    "packed": (
+        b"\x1f\x8b\x08\0" + bytes(range(256)),
+        "run3.csv is compressed; unpack it, and give the file that was in it",
+    ),
     "binary": (b"MATLAB 5.0\0\0\1" + bytes(range(256)), "run3.csv is not a text file; export the recording as CSV"),
     "broken UTF-16": (b"\xff\xfea", "run3.csv begins as UTF-16 text and is none; export the recording as CSV in UTF-8"),
     "no time": (

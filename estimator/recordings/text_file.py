@@ -33,6 +33,8 @@ def read_text(path: Path) -> tuple[str, str]:
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         encodings = ("utf-16",)
     elif len(data) != len(data.translate(None, _CONTROL)):
+        if data.startswith((b"\x1f\x8b", b"PK\3\4")):
+            raise RecordingError(f"{path.name} is compressed; unpack it, and give the file that was in it")
         raise RecordingError(f"{path.name} is not a text file; export the recording as CSV")
     encodings = (*(code for word, code in _TIMES.items() if word in data[:_HEAD]), *encodings)
     for encoding in encodings:
