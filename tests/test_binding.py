@@ -75,12 +75,21 @@ def test_bounds_for_one_parameter_leave_free_what_would_be_free_without():
             "[parameters]\nR = { start = -3 }",
             "parameter 'R' starts at -3, outside the range 1e-06 to 1e\\+06 that dc_mo",
         ),
+        (
+            '[outputs]\nw = { column = "speed", gain = 1e-140 }',
+            r"output 'w': by a gain of 1e-140 and an offset of 0 the speed in step.csv went up to .*, as no mot",
+        ),
+        (
+            '[outputs]\nw = { column = "speed", offset = 1e9 }',
+            r"output 'w': by a gain of 1 and an offset of 1e\+09 the speed in step.csv went up to 1e\+09 rad/s, as no",
+        ),
         ("[fixed]\nB = true", r"\[fixed\] B is a number in dc_motor.fmu; give one, not true"),
     ],
 )
 def test_what_the_fmu_cannot_mean_is_told_before_anything_is_simulated(said, complaint, tmp_path):
     write_recording(step_recording(CML050, lead=0.02, duration=0.1), tmp_path / "step.csv")
     case = tmp_path / "a.case.toml"
+    said += '\n[inputs]\nv = "voltage"' if "[outputs]" in said else ""
     fixed = "" if "[fixed]" in said else "[fixed]\nL = 0.013\n"
     case.write_text(f'{fixed}{said}\n[[recording]]\nfile = "step.csv"\n')
     with pytest.raises(InputError, match=complaint):

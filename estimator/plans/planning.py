@@ -24,6 +24,7 @@ from estimator.plans.reading import with_reading, without_clipped, without_hidde
 from estimator.recordings.differenced_counts import as_counted, counts_a_turn
 from estimator.recordings.files import recordings_in
 from estimator.recordings.filters import MAX_SECTIONS, filter_sections
+from estimator.recordings.implausible_units import SIZES
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import Recording
 from estimator.stepping import layout
@@ -210,9 +211,24 @@ def _chains(binding: Binding, observed: tuple[Observed, ...]) -> dict[str, Chain
             **{k: float(v) for k in ("gain", "offset", "delay") if isinstance(v := getattr(spec, k), float | int)},
             quantum=spec.quantum or 0.0,
         )
+        for o in observed if binding.is_motor and name in SIZES else ():
+            _check_size(name, chains[name], o)
         for o in observed if chains[name].delay else ():
             check_delay(chains[name].delay, o.excitation, o.recording, name)
     return {name: chain for name, chain in chains.items() if chain != ChainSpec()}
+
+
+def _check_size(output: str, chain: ChainSpec, o: Observed) -> None:
+    """Refuse a declared gain and offset by which a motor would have moved as none does."""
+    if (chain.gain, chain.offset) == (1.0, 0.0):
+        return
+    least, most, title, unit = SIZES[output]
+    largest = float(np.nanmax(np.abs(o.outputs[output] - chain.offset))) / abs(chain.gain)
+    if not least <= largest <= most:
+        raise CaseError(
+            f"output {output!r}: by a gain of {chain.gain:g} and an offset of {chain.offset:g} the {title} in"
+            f" {o.recording.title} went up to {largest:.4g} {unit}, as no motor's does; give those of its sensor"
+        )
 
 
 def _declared(binding: Binding, runs: Sequence[RunSpec]) -> frozenset[str]:
