@@ -1,6 +1,7 @@
 """The arrows between the modules and between the folders point one way; `fmu_build` knows nothing of `estimator`."""
 
 import ast
+import gc
 import re
 from functools import cache
 from pathlib import Path
@@ -11,6 +12,15 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "estimator"
 ROOMS = sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py"))
 OUTSIDE = ("fmpy", "ctypes")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def syntax_trees():
+    """Half a million nodes are held for these tests alone; a collector would go through them again and again."""
+    gc.disable()
+    yield
+    nodes.cache_clear()
+    gc.enable()
 
 
 def name_of(path):
