@@ -296,6 +296,20 @@ def _moved(signal: FloatArray, rows: int) -> FloatArray:
     return moved
 
 
+def as_current(fit: Fit, signal: FloatArray, *, rows_late: int = 0) -> FloatArray:
+    """Return what the sensors show, (rows, q), of a signal that adds to the current, (rows,), as late as the inputs."""
+    s = fit.simulator
+    late, result = as_late(fit, signal), np.zeros((s.rows, len(s.outputs)))
+    for clock in s.clocks:
+        whole, part = divmod(channel_delay(s, fit.value, "i") / clock.step, 1.0)
+        moved = [_moved(late[clock.rows], int(whole) + rows_late + more) for more in (0, 1)]
+        current = (1 - part) * moved[0] + part * moved[1]
+        nothing = np.zeros_like(current)
+        states = [np.array([current if y == "i" else nothing, nothing]) for y in s.outputs]
+        result[clock.rows] = _as_shown(fit, states, clock)
+    return result
+
+
 def held_for_wave(fit: Fit, clock: Clock, frequency: float) -> tuple[FloatArray, FloatArray]:
     """Return voltage and torque, (n, 2) each, V and N.m, held over rows, that do what cos and sin of 1 V do.
 

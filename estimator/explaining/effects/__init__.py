@@ -8,6 +8,7 @@ from estimator.explaining.effects.ac_coupling import AcCoupling
 from estimator.explaining.effects.average import Average, MeanSpeed
 from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.explaining.effects.channel_delay import ChannelDelay
+from estimator.explaining.effects.common_mode import CommonMode
 from estimator.explaining.effects.delay import Delay
 from estimator.explaining.effects.drive import (
     BreakAway,
@@ -72,6 +73,7 @@ EFFECTS: tuple[Effect, ...] = (
     Gain(),
     TwoGains(),
     SensorCurve(),
+    CommonMode(),
     Ripple(),
     SwitchingRipple(),
     SlowPwm(),
