@@ -259,6 +259,14 @@ def test_a_scale_that_ends_exactly_where_a_duty_cycle_does_is_doubted_though_it_
     assert found(time, {**y, "v": y["v"] * full / np.max(y["v"])}, sure=frozenset({"v"})) == ()
 
 
+def test_a_coarse_sensor_of_amperes_shows_no_milliamperes_where_they_are_not_whole():
+    """A motor of 16 mOhm takes 3 kA, in steps of 3.7 A: it was doubted as if they were milliamperes."""
+    time, y = signals(CML050, interval=1e-3)
+    large = {**y, "v": y["v"] * 27 / np.max(y["v"]), "i": np.round(y["i"] * 800 / 3.7393) * 3.7393}
+    assert found(time, large) == ()
+    assert [f.kind for f in found(time, {**large, "i": np.round(large["i"])})] == ["unit i"]
+
+
 def test_several_levels_up_to_exactly_one_volt_are_doubted_sooner_than_a_step_of_one_volt():
     time, y = signals(CML050, interval=1e-3)
     fast = {**y, "w": y["w"] * 150.0 / np.max(y["w"]), "v": y["v"] / np.max(y["v"])}

@@ -846,3 +846,44 @@ def test_what_a_meter_shows_beyond_its_range_is_a_missing_sample(tmp_path: Path)
     path.write_text(PLAIN.replace(ROWS[5], ROWS[5].rpartition(",")[0] + ",OL"))
     missing = np.isnan(read_recording(path).signals["speed"])
     assert np.flatnonzero(missing).tolist() == [5]
+
+
+def test_an_oscilloscope_that_counts_its_samples_says_their_interval_once(tmp_path: Path) -> None:
+    """As Rigol's write it: the start and the increment stand above, in cells that the rows leave empty."""
+    path = tmp_path / "rigol.csv"
+    rows = "".join(f"{k},{0.5 * k:.6e},{-0.25 * k:.6e},,,\n" for k in range(20))
+    path.write_text(f"X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-2.000000e-03,1.000000e-04,\n{rows}")
+    read = read_recording(path)
+    assert read.time == pytest.approx(-2e-3 + 1e-4 * np.arange(20), abs=1e-12)
+    assert read.signal("CH2") == pytest.approx(-0.25 * np.arange(20))
+    assert read.units == {"CH1": "V", "CH2": "V"}
+
+
+@pytest.mark.parametrize(
+    ("first", "step", "unit"),
+    [(2**32 - 7000, 1000, "us"), (2**32 - 12, 4, "ms"), (2**16 - 900, 250, "us")],
+)
+def test_a_clock_that_overflows_goes_on(first: int, step: int, unit: str, tmp_path: Path) -> None:
+    """A logger's microseconds begin anew after 71.6 minutes: the recording was read as two, with rows lost between."""
+    path = tmp_path / "wrapped.csv"
+    times = (first + step * np.arange(40)) % (2**16 if first < 2**16 else 2**32)
+    path.write_text(f"time [{unit}],v\n" + "".join(f"{t},{k}\n" for k, t in enumerate(times)))
+    read = read_recording(path)
+    assert np.diff(read.time) == pytest.approx(np.full(39, step * {"us": 1e-6, "ms": 1e-3}[unit]))
+    assert any("overflows, and is counted on" in told for told in read.not_read)
+
+
+def test_a_clock_that_begins_anew_is_no_overflow(tmp_path: Path) -> None:
+    path = tmp_path / "two.csv"
+    path.write_text("time [us],v\n" + "".join(f"{1000 * (k % 20)},{k}\n" for k in range(40)))
+    assert len(read_recording(path, ReadAs(test="2")).time) == 20
+
+
+@pytest.mark.parametrize("speed", ["rad s-1", "1/min", "furlong/s"])
+def test_a_line_of_units_is_one_with_slashes_digits_and_one_that_nobody_knows(speed: str, tmp_path: Path) -> None:
+    """It was taken for the header, whose columns were then called V and mA."""
+    path = tmp_path / "units.csv"
+    path.write_text(f"Zeit;Spannung;Strom;Drehzahl\nms;V;mA;{speed}\n" + "".join(f"{k};{k};2;3\n" for k in range(20)))
+    read = read_recording(path)
+    assert set(read.signals) == {"Spannung", "Strom", "Drehzahl"}
+    assert read.units["Drehzahl"] == ("?" if speed == "furlong/s" else "rad/s")

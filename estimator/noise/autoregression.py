@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_toeplitz
 
 from estimator.conventions import LEAST_FALL
 
@@ -56,9 +55,10 @@ def autoregressions_of_filter(response: FloatArray) -> list[tuple[FloatArray, fl
     padded = np.concatenate([response, np.zeros(most + 1)])
     covariance = np.array([response @ padded[k : k + len(response)] for k in range(most + 1)])
     covariance /= covariance[0]
+    apart = np.abs(np.subtract.outer(np.arange(most), np.arange(most)))
     found = []
     for floor in FLOORS:
-        a = solve_toeplitz(np.concatenate([[1 + floor], covariance[1:most]]), covariance[1:])
+        a = np.linalg.solve(covariance[apart] + floor * np.eye(most), covariance[1:])
         innovation = 1 + floor - float(a @ covariance[1:])
         if np.isfinite(a).all() and innovation > 0:
             found.append((a, float(np.sqrt(innovation / (1 + floor)))))

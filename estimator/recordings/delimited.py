@@ -11,6 +11,7 @@ import numpy as np
 
 from estimator.errors import RecordingError
 from estimator.recordings.plain_text import plain_columns
+from estimator.recordings.scope_lines import with_times
 from estimator.recordings.serial_lines import are_serial, delimited_lines
 from estimator.recordings.text_cells import (
     EMPTY,
@@ -88,9 +89,11 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
         The file is missing, no text, empty, without a header, or a row has too few or too many cells.
     """
     written, encoding = read_text(path)
-    if (plain := _plain_table(path, written, encoding, rules)) is not None:
+    head = written.split("\n", 2)[:2]
+    is_counted = with_times(head) is not head
+    if not is_counted and (plain := _plain_table(path, written, encoding, rules)) is not None:
         return plain
-    as_written = written.split("\n")
+    as_written = with_times(written.split("\n")) if is_counted else written.split("\n")
     lines, is_labelled = delimited_lines(as_written, rules.is_header)
     while lines and not lines[-1].strip(EMPTY):
         lines.pop()  # rows of empty cells at the end

@@ -19,6 +19,7 @@ from estimator.recordings.samples import LARGEST, median
 from estimator.recordings.tests_in_file import asked_test
 from estimator.recordings.time_column import is_header, time_column
 from estimator.recordings.time_grid import Clock, half_single_step, sampling_clock, times_again
+from estimator.recordings.turns import OVERFLOW, clock_counted_on
 from estimator.recordings.units import FloatArray
 
 DATED = 1e8  # s: a clock that begins later, some three years, counts from a date; it is told from its first row on
@@ -41,11 +42,26 @@ def timed(raw: RawTable, read_as: ReadAs) -> RawTable:
     """
     if read_as.rate is None:
         _called_no_time(raw, read_as)
-        return raw
+        return _with_clock_counted_on(raw, read_as)
     times = np.arange(len(raw.columns[0]), dtype=np.float64) / read_as.rate
     own = ["time as logged [s]" if text == "time [s]" else text for text in raw.texts]
     told = (*raw.not_read, *_times_not_used(raw, read_as.rate))
     return replace(raw, texts=[*own, "time [s]"], columns=[*raw.columns, times], half_digit=None, not_read=told)
+
+
+def _with_clock_counted_on(raw: RawTable, read_as: ReadAs) -> RawTable:
+    """Return a table whose times go on where its clock overflows."""
+    asked = read_as.columns.get("time")
+    for j, text in enumerate(raw.texts):
+        name = parse_header(text).name
+        is_time = rank_in_role(name, "time") is not None or asked in (name, text)
+        if not is_time or j in raw.bad or j in raw.texts_in:
+            continue
+        times, bits = clock_counted_on(raw.columns[j])
+        if bits is not None:
+            columns = [*raw.columns[:j], times, *raw.columns[j + 1 :]]
+            raw = replace(raw, columns=columns, not_read=(*raw.not_read, f"{text}: {OVERFLOW.format(bits)}"))
+    return raw
 
 
 def _times_not_used(raw: RawTable, rate: float) -> Iterator[str]:

@@ -165,7 +165,8 @@ def current_unit(m: MeasuredSignals, *, is_volts: bool) -> Finding | None:
         return None
     i = np.abs(_without_outliers(m.signals["i"]))
     largest = float(np.nanmax(i))
-    narrow = "i" in m.guessed or quantum(m.signals["i"]) >= 1.0  # whole amperes no sensor shows
+    shown = m.signals["i"][np.isfinite(m.signals["i"])]
+    narrow = "i" in m.guessed or np.array_equal(shown, np.rint(shown))  # whole amperes no sensor shows
     largest_at = (m.beyond("i", np.abs(m.signals["i"]), NEARLY * largest),)
     volts = float(np.nanmax(np.abs(m.signals["v"]))) if "v" in m.signals else 0.0
     if largest > LARGEST_CURRENT[narrow] and volts < LEAST_RESISTANCE[narrow] * largest:

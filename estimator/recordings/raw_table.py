@@ -141,10 +141,16 @@ def _read_text(path: Path, read_as: ReadAs) -> RawTable:
 
 
 def _are_units(cells: Sequence[str]) -> bool:
-    bare = [cell.strip("[]() ") for cell in cells]
-    return any(cell and not cell.isdigit() for cell in bare) and all(
-        not cell or cell == "-" or (not cell[0].isdigit() and parse_unit(cell) is not None) for cell in bare
-    )
+    """Whether cells are units; one may be none that is known where a unit of time and another are."""
+    bare = [cell for own in cells if (cell := own.strip("[]() "))]
+    if not any(not cell.isdigit() for cell in bare) or any(
+        cell[0].isdigit() and not any(map(str.isalpha, cell)) for cell in bare
+    ):
+        return False
+    known = [unit for cell in bare if cell != "-" and (unit := parse_unit(cell)) is not None]
+    strange = len(bare) - len(known) - bare.count("-")
+    is_timed = any(unit.quantity == "time" for unit in known)
+    return not strange or (strange == 1 and is_timed and len(known) > 1)
 
 
 def _with_times_at_the_end(raw: RawTable, read_as: ReadAs) -> RawTable:

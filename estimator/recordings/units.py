@@ -106,7 +106,7 @@ _WORDS: tuple[tuple[str, float, float, float, str], ...] = (
     ("voltage", 1, 1e3, 0, "millivolt millivolts"),
     ("current", 1, 1, 0, "a amp amps ampere amperes"),
     ("current", 1, 1e3, 0, "milliamp milliamps milliampere milliamperes"),
-    ("angular speed", 1, 1, 0, "rad/s rad/sec rad/seg rads/s rad.s-1 rads rads/sec radian/s radians/s radps"),
+    ("angular speed", 1, 1, 0, "rad/s rad/sec rad/seg rads/s rad.s-1 rads-1 rads rads/sec radian/s radians/s radps"),
     (
         "angular speed",
         math.pi,
