@@ -45,7 +45,12 @@ def worst(result):
 
 
 @pytest.mark.parametrize(
-    ("kind", "seed"), [("trapezoid", 2), ("soft step", 1), pytest.param("sine", 3, marks=pytest.mark.full)]
+    ("kind", "seed"),
+    [
+        ("trapezoid", 3),
+        ("soft step", 1),
+        *(pytest.param(*case, marks=pytest.mark.full) for case in (("sine", 3), ("trapezoid", 6), ("trapezoid", 8))),
+    ],
 )
 def test_a_measured_voltage_that_moves_smoothly_is_on_lines_and_its_noise_moves_no_motor(kind, seed):
     """By other seeds a delay of a part of a row is a rival, with another L: doubtful then, and within the errors."""
