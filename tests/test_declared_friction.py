@@ -62,3 +62,27 @@ def test_a_drive_that_opens_the_circuit_is_told_whatever_of_the_friction_is_said
     assert max(map(abs, off.values())) < 4.5, off
     if "friction" not in said:
         assert abs(off_by(result, {"friction": 0.004})["friction"]) < 4.5
+
+
+def test_a_drives_current_limit_that_is_asked_for_begins_where_the_current_is_held(tmp_path):
+    """It began at the FMU's start, 1e9 A, which limits nothing, and was refused as what moves no signal."""
+    times = 1e-3 * np.arange(1200)
+    v = np.select([times < 0.05, times < 0.5, times < 0.9], [0.0, 9.0, -6.0], 4.0)
+    bench = {"current_limit": 2.5, "friction": 0.003}
+    motion = simulate_fmu("dc_motor_drive", times=times, inputs={"v": v}, parameters=MOTOR | bench)
+    rng = np.random.default_rng(5)
+    i, w = (motion[n] + rng.normal(0, deviation, len(v)) for n, deviation in (("i", 0.01), ("w", 0.3)))
+    np.savetxt(
+        tmp_path / "log.csv",
+        np.column_stack([times, v, i, w]),
+        delimiter=",",
+        header="t [s],v [V],i [A],w [rad/s]",
+        comments="",
+    )
+    free = "".join(f"{name} = {{}}\n" for name in (*MOTOR, *bench))
+    (tmp_path / "motor.case.toml").write_text(
+        f'[fmu]\npath = "dc_motor_drive"\n[parameters]\n{free}[[recording]]\nfile = "log.csv"\n'
+    )
+    result = estimate_parameters(tmp_path / "motor.case.toml", workers=1)
+    off = off_by(result, MOTOR | bench)
+    assert result.verdict == "ok" and max(map(abs, off.values())) < 4.5, (off, result.reasons)

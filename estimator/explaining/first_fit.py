@@ -79,7 +79,7 @@ class FirstFit:
                 additions, simulator = list[Addition](), s
                 for e, known in held:
                     rival = self.tests.rivals(e.fmu)
-                    if rival is not None and set(known) <= set(rival.index):
+                    if rival is not None and set(known) <= set(rival.neutral):
                         simulator = rival
                         additions += _seen(e, known, rival)
                 beside = {a.name for a in additions}

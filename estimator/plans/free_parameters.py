@@ -24,6 +24,7 @@ PAPER_BOX = {"R": (0.01, 5.0), "K": (0.005, 0.1), "L": (1e-7, 0.5), "J": (1e-7, 
 WIDTH = {"R": 100.0, "K": 100.0, "B": 1e6}  # bounds around the data's start when none are given: factor either way
 USUAL_WIDTH = 1e4
 FAR = 0.05  # of how far a motor turns in one recording: of one in which it turns less far nothing is guessed
+LIMIT, AT_LIMIT = "current_limit", 0.95  # of a drive, A; of the largest current that is shown
 MOST_HELD = 6  # parameters named in one sentence
 
 
@@ -41,8 +42,9 @@ def first_guess(binding: Binding, observed: tuple[Observed, ...]) -> dict[str, f
         if any(not np.nanmax(np.abs(x), initial=0.0) for x in (v, i, w)):
             return {}  # a signal that shows nothing
         load = binding.fixed.get("load", 0.0)
-        guess = integral_estimate(v, i, w, step=o.recording.step, load=load)
-        return sane(guess, v, i, w, step=o.recording.step)
+        guess = sane(integral_estimate(v, i, w, step=o.recording.step, load=load), v, i, w, step=o.recording.step)
+        limit = {LIMIT: AT_LIMIT * float(np.nanmax(np.abs(i)))} if guess and LIMIT in binding.parameters else {}
+        return {**guess, **limit}
     for o in driven:
         if {"w", "angle"} & set(o.outputs):
             return _guess_without_current(binding, o)
@@ -125,7 +127,7 @@ def _parameter(spec: ParameterSpec, binding: Binding, guess: Mapping[str, float]
         )
     start = spec.start if spec.start is not None else _within(guess.get(name), allowed)
     if start is None:
-        start = spec.nominal if spec.nominal is not None else _over(_number(targets[0].start), gains[0])
+        start = spec.nominal if spec.nominal is not None else _over(_usual_start(targets[0]), gains[0])
     box = PAPER_BOX.get(name, (None, None)) if is_paper else (None, None)
     given = [box[k] if limit is None else limit for k, limit in enumerate((spec.minimum, spec.maximum))]
     usual = _over(targets[0].nominal, abs(gains[0]))
@@ -179,6 +181,12 @@ def _around(
         upper = start * width if start is not None and is_positive else high
         upper = min(upper, high) if upper is not None and high is not None else upper
     return lower, upper
+
+
+def _usual_start(variable: Variable) -> float | None:
+    """Return a variable's start; its nominal value where it starts at its maximum, as a limit does that is none."""
+    start = _number(variable.start)
+    return variable.nominal if start is not None and start == variable.maximum and variable.nominal else start
 
 
 def _within(guess: float | None, allowed: Limits) -> float | None:
