@@ -887,3 +887,11 @@ def test_a_line_of_units_is_one_with_slashes_digits_and_one_that_nobody_knows(sp
     read = read_recording(path)
     assert set(read.signals) == {"Spannung", "Strom", "Drehzahl"}
     assert read.units["Drehzahl"] == ("?" if speed == "furlong/s" else "rad/s")
+
+
+def test_numbers_as_fortran_writes_them_are_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "fortran.dat"
+    path.write_text("#  t[s]   v[V]   w[rad/s]\n" + "".join(f"{k}.0D-03  -{k}.50D+00  1.25d+01\n" for k in range(20)))
+    read = read_recording(path)
+    assert read.time == pytest.approx(1e-3 * np.arange(20)) and read.signal("v")[3] == -3.5
+    assert read.signal("w") == pytest.approx(np.full(20, 12.5))

@@ -191,3 +191,10 @@ def test_a_missing_extra_of_a_bench_is_told_with_how_to_install_it(package, extr
         f"run3.{extra} is {'an Excel' if extra == 'xlsx' else 'a TDMS'} file, which needs {name};"
         f" install it with: pip install 'fmu-estimator[{extra}]'"
     )
+
+
+def test_a_row_of_units_of_a_sheet_may_hold_one_with_a_slash(tmp_path: Path) -> None:
+    rows = [["Zeit", "Spannung", "Drehzahl"], ["ms", "V", "1/min"], *([k, 12.0, 30.0 * k] for k in range(20))]
+    recording = read_recording(xlsx(tmp_path / "log.xlsx", rows))
+    assert recording.units == {"Spannung": "V", "Drehzahl": "rad/s"}
+    assert recording.signal("Drehzahl")[10] == pytest.approx(10 * np.pi)

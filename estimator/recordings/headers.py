@@ -293,3 +293,15 @@ def _is_suffix(name: str, separator: str, suffix: str, unit: Unit) -> bool:
         return False
     # "current_V" is a current in volts, to be complained of; "U_A" is an armature voltage.
     return quantity is None or len(name) > 2
+
+
+def are_units(cells: Sequence[str]) -> bool:
+    """Whether cells are units; one may be none that is known where a unit of time and another are."""
+    bare = [cell for own in cells if (cell := own.strip("[]() "))]
+    numbers = [cell for cell in bare if cell[0].isdigit() and not any(map(str.isalpha, cell))]
+    if numbers or not bare:
+        return False
+    known = [unit for cell in bare if cell != "-" and (unit := parse_unit(cell)) is not None]
+    strange = len(bare) - len(known) - bare.count("-")
+    is_timed = any(unit.quantity == "time" for unit in known)
+    return not strange or (strange == 1 and is_timed and len(known) > 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -14,13 +14,13 @@ from estimator.recordings.clock_text import seconds_since_first
 from estimator.recordings.columns import Columns
 from estimator.recordings.delimited import BadCell, read_table
 from estimator.recordings.formats import read_columns
-from estimator.recordings.headers import parse_header, role_of
+from estimator.recordings.headers import are_units, parse_header, role_of
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import MIN_SAMPLES
 from estimator.recordings.text_header import HeaderRules
 from estimator.recordings.time_column import is_header, no_time, time_column
 from estimator.recordings.time_grid import half_last_digit
-from estimator.recordings.units import FloatArray, parse_unit
+from estimator.recordings.units import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ def raw_columns(name: str, columns: Columns, path: Path | None) -> RawTable:
 def _read_text(path: Path, read_as: ReadAs) -> RawTable:
     rules = HeaderRules(
         is_header=functools.partial(is_header, read_as=read_as),
-        is_units=_are_units,
+        is_units=are_units,
         complain=functools.partial(no_time, read_as=read_as),
         numbers=read_as.numbers,
         rated=read_as.rate is not None,
@@ -138,19 +138,6 @@ def _read_text(path: Path, read_as: ReadAs) -> RawTable:
         not_read=table.not_read,
     )
     return _with_times_at_the_end(raw, read_as)
-
-
-def _are_units(cells: Sequence[str]) -> bool:
-    """Whether cells are units; one may be none that is known where a unit of time and another are."""
-    bare = [cell for own in cells if (cell := own.strip("[]() "))]
-    if not any(not cell.isdigit() for cell in bare) or any(
-        cell[0].isdigit() and not any(map(str.isalpha, cell)) for cell in bare
-    ):
-        return False
-    known = [unit for cell in bare if cell != "-" and (unit := parse_unit(cell)) is not None]
-    strange = len(bare) - len(known) - bare.count("-")
-    is_timed = any(unit.quantity == "time" for unit in known)
-    return not strange or (strange == 1 and is_timed and len(known) > 1)
 
 
 def _with_times_at_the_end(raw: RawTable, read_as: ReadAs) -> RawTable:

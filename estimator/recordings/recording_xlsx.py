@@ -13,9 +13,9 @@ import numpy as np
 
 from estimator.errors import RecordingError, to_install
 from estimator.recordings.columns import Columns
-from estimator.recordings.headers import parse_header, role_of
+from estimator.recordings.headers import are_units, parse_header, role_of
 from estimator.recordings.recording import MIN_SAMPLES
-from estimator.recordings.units import FloatArray, parse_unit
+from estimator.recordings.units import FloatArray
 
 MAGIC = b"PK\x03\x04"  # of any ZIP archive
 OLD_MAGIC = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"  # of .xls
@@ -88,7 +88,7 @@ def _columns(where: str, at: int, rows: list[Row]) -> Columns:
     width = max(map(len, rows))
     texts = [_text(cell) for cell in rows[at]] if at >= 0 else [f"column {j + 1}" for j in range(width)]
     first = at + 1
-    if first < len(rows) and _are_units(rows[first]):
+    if first < len(rows) and are_units([_text(cell) for cell in rows[first]]):
         for j, unit in enumerate(_text(cell).strip("[]() ") for cell in rows[first][: len(texts)]):
             if unit and parse_header(texts[j]).unit_text is None:
                 texts[j] = f"{texts[j]} [{unit}]"
@@ -161,15 +161,9 @@ def _above_numbers(rows: Sequence[Row]) -> int:
     """Return the row of names above the first numbers, that of units passed over; -1 where there is none."""
     first = next(k for k, row in enumerate(rows) if _has_number(row))
     named = [k for k in range(first) if any(_text(cell) for cell in rows[k])]
-    return next((k for k in reversed(named) if not _are_units(rows[k])), -1)
+    return next((k for k in reversed(named) if not are_units([_text(cell) for cell in rows[k]])), -1)
 
 
 def _has_time(row: Row) -> bool:
     texts = [cell for cell in row if isinstance(cell, str) and cell.strip()]
     return len(texts) > 1 and any(role_of(parse_header(text).name) == "time" for text in texts)
-
-
-def _are_units(row: Row) -> bool:
-    texts = [_text(cell).strip("[]() ") for cell in row]
-    said = [text for text in texts if text not in ("", "-")]
-    return bool(said) and all(not text[0].isdigit() and parse_unit(text) is not None for text in said)

@@ -24,6 +24,7 @@ _GROUPED = re.compile(r"[-+]?\d{1,3}(?:['’\u00a0\u202f]\d{3})+(?:[.,]\d+)?")  
 _INSTANTS = re.compile(r"\d{1,4}([./-])\d{1,2}\1\d{1,4}\b|\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?")  # dates, times of day
 _NOTHING = re.compile(r"(?!)")
 _TOKENS = re.compile(r'"[^"]*"|\S+')
+_FORTRAN = re.compile(r"([-+]?[\d.,]+)[dD]([-+]?\d+)")  # 1.0D-03, of double precision
 _BRACKETED = re.compile(r"\s*([^\[\]()]+(?:\[[^\[\]]*\]|\([^()]*\)))")
 
 
@@ -86,6 +87,8 @@ def number_in(text: str, decimal: str) -> float | None:
         text = text.replace("." if decimal == "," else ",", "")
     if "_" in text or (decimal == "," and "." in text):
         return None
+    if (fortran := _FORTRAN.fullmatch(text)) is not None:
+        text = f"{fortran[1]}e{fortran[2]}"
     try:
         value = float(text.replace(",", ".") if decimal == "," else text)
     except ValueError:

@@ -31,7 +31,7 @@ WORDS_BELOW = 3  # lines between the names and the numbers, at most: of units, o
 COUNTED = 20  # rows that show whether they are counted
 RESTARTS = 3  # rows of the first at which a time may stand still or begin anew
 SKIPPED = ("", "#", "%")  # first characters of empty lines and comments
-_LIKE_A_NUMBER = re.compile(r"[-+]?[.,]?\d[-+\d.,:/eETZ ]*")  # or a time of day, or a date
+_LIKE_A_NUMBER = re.compile(r"[-+]?[.,]?\d[-+\d.,:/eEdDTZ ]*")  # or a time of day, or a date
 
 
 @dataclass(frozen=True)
