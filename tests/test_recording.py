@@ -895,3 +895,12 @@ def test_numbers_as_fortran_writes_them_are_numbers(tmp_path: Path) -> None:
     read = read_recording(path)
     assert read.time == pytest.approx(1e-3 * np.arange(20)) and read.signal("v")[3] == -3.5
     assert read.signal("w") == pytest.approx(np.full(20, 12.5))
+
+
+def test_headers_of_russian_logs_are_known(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = "".join(f"{k};12;250;30\n" for k in range(20))
+    path.write_text(f"Время, с;Напряжение, В;Ток, мА;Скорость, об/мин\n{rows}", encoding="utf-16")
+    read = read_recording(path)
+    found = motor_columns(read)
+    assert [read.signal(found[role])[0] for role in ("v", "i", "w")] == pytest.approx([12.0, 0.25, np.pi])

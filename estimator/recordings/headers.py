@@ -40,21 +40,22 @@ ROLE_TITLE = {
 # Usual names per role, best first, as `plain` gives them. A measured voltage goes before a commanded one.
 _NAMES = {
     "time": "time t zeit temps tiempo tempo t_now timestamp time_stamp elapsed_time seconds second sec s ms us x_axis"
-    " x_value millis micros elapsed uhrzeit zeitstempel datetime epoch hora heure 时间 時間",
+    " x_value millis micros elapsed uhrzeit zeitstempel datetime epoch hora heure время 时间 時間",
     "v": "voltage armature_voltage motor_voltage terminal_voltage measured_voltage v u u_a v_a ua va"
     " u_m v_m um vm v_mot u_mot v_motor u_motor uin vin u_in v_in volts volt spannung ankerspannung"
     " motor_v motor_volts motorspannung tension tensione tensao tensão tensión voltaje applied_voltage input_voltage"
-    " 电压 電圧 電壓 电枢电压 supply_voltage v_supply v_cmd u_cmd voltage_command command_voltage commanded_voltage"
+    " напряжение 电压 電圧 電壓 电枢电压"
+    " supply_voltage v_supply v_cmd u_cmd voltage_command command_voltage commanded_voltage"
     " command cmd",
     "i": "current armature_current motor_current measured_current i i_a ia i_m im i_mot i_motor amps amp"
-    " ampere amperes strom ankerstrom motorstrom courant corriente corrente 电流 電流 电枢电流 ma"
+    " ampere amperes strom ankerstrom motorstrom courant corriente corrente ток 电流 電流 电枢电流 ma"
     " motor_ma motor_amps",
     "w": "speed angular_speed angular_velocity motor_speed shaft_speed rotor_speed measured_speed omega ω w"
     " w_m wm omega_m ω_m velocity motor_velocity speed_rpm rpm drehzahl winkelgeschwindigkeit geschwindigkeit vitesse"
     " velocidad velocidade velocita n n_m vel ang_vel angvel motor_vel enc_vel"
     " motor_rpm shaft_rpm rotor_rpm wheel_rpm encoder_rpm enc_rpm measured_rpm actual_rpm"
     " current_speed current_velocity current_rpm current_omega"
-    " 转速 轉速 回転数 回転速度 角速度 速度",
+    " скорость частота_вращения 转速 轉速 回転数 回転速度 角速度 速度",
     "angle": "angle theta θ phi φ position motor_angle shaft_angle rotor_angle encoder_angle angular_position"
     " motor_position theta_m winkel drehwinkel pos current_angle current_position current_pos 角度 转角 位置",
     "load": "load load_torque torque_load external_torque t_l tl tau_l m_l lastmoment",

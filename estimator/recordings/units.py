@@ -92,28 +92,34 @@ _SYMBOLS = {
 _COUNTS = "count counts cnt cnts tick ticks pulse pulses inc incs"
 _PER_SECOND = f"{_COUNTS} step steps"  # a column called "steps" counts rows, one of "steps/s" does not
 _WORDS: tuple[tuple[str, float, float, float, str], ...] = (
-    ("time", 1, 1, 0, "s sec secs seg second seconds segundos sekunden"),
+    ("time", 1, 1, 0, "s sec secs seg second seconds segundos sekunden с сек"),
     (
         "time",
         1,
         1e3,
         0,
-        "msec msecs milisec millisec millisecs milisecond miliseconds millisecond milliseconds milisegundos",
+        "msec msecs milisec millisec millisecs milisecond miliseconds millisecond milliseconds milisegundos мс",
     ),
     ("time", 1, 1e6, 0, "usec usecs microsec microsecs microsecond microseconds microsegundos"),
     ("time", 60, 1, 0, "min minute minutes"),
-    ("voltage", 1, 1, 0, "v volt volts"),
+    ("voltage", 1, 1, 0, "v volt volts в"),
     ("voltage", 1, 1e3, 0, "millivolt millivolts"),
-    ("current", 1, 1, 0, "a amp amps ampere amperes"),
-    ("current", 1, 1e3, 0, "milliamp milliamps milliampere milliamperes"),
-    ("angular speed", 1, 1, 0, "rad/s rad/sec rad/seg rads/s rad.s-1 rads-1 rads rads/sec radian/s radians/s radps"),
+    ("current", 1, 1, 0, "a amp amps ampere amperes а"),
+    ("current", 1, 1e3, 0, "milliamp milliamps milliampere milliamperes ма"),
+    (
+        "angular speed",
+        1,
+        1,
+        0,
+        "rad/s rad/sec rad/seg rads/s rad.s-1 rads-1 rads rads/sec radian/s radians/s radps рад/с",
+    ),
     (
         "angular speed",
         math.pi,
         30,
         0,
         "rpm r/min rev/min revs/min 1/min min-1 /min u/min tr/min rot/min turns/min upm umdr/min"
-        " umdrehungen/min 转/分 转/分钟",
+        " umdrehungen/min об/мин 转/分 转/分钟",
     ),
     ("angular speed", 1e3 * math.pi, 30, 0, "krpm"),
     ("angular speed", 2 * math.pi, 1, 0, "rps r/s rev/s revs/s rev/sec turns/s turn/s rot/s"),
