@@ -842,7 +842,8 @@ def test_no_winding_cools_while_it_is_recorded(tmp_path):
 @pytest.mark.full
 def test_what_is_not_explained_at_an_edge_is_told_where_the_voltage_steps_not_where_the_delay_puts_it(monkeypatch):
     monkeypatch.setenv(
-        "FMU_ESTIMATOR_WITHOUT", "dry friction,break-away,brush drop,rounded brush drop,drop of the drive,voltage dip"
+        "FMU_ESTIMATOR_WITHOUT",
+        "dry friction,break-away,brush drop,rounded brush drop,drop of the drive,voltage dip,common mode of i",
     )
     result = run(recording("reversal", friction=8e-3, i=lambda y: late(y, 0.02), w=lambda y: late(y, 0.02)))
     assert result.chain["delay"].value == pytest.approx(0.02, abs=1e-3)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import SELDOM, Effect
+from estimator.explaining.effects.slow_pwm import NAME as PULSES
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.motor_response import as_current, motor_values
 
@@ -34,8 +35,8 @@ class CommonMode(Effect):
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return one of all recordings, in two forms."""
         s = fit.simulator
-        if motor_values(fit) is None or "i" not in s.outputs:
-            return ()
+        if motor_values(fit) is None or "i" not in s.outputs or any(g.name.startswith(PULSES) for g in fit.linear):
+            return ()  # the voltage that the sensor sees is not the recorded one
         v = s.inputs("v")
         largest = float(np.max(np.abs(v), initial=0.0))
         if not largest > 0:
