@@ -16,10 +16,12 @@ from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.explaining.effects.slow_pwm import NAME as PULSES
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.motor_response import as_current, motor_values
+from estimator.recordings.signal_noise import input_noise
 
 FloatArray = NDArray[np.float64]
 
 USUAL = 0.01  # of the largest current at the largest voltage: an amplifier by resistors of 0.1 %
+NOISY = 1e-3  # of the largest voltage: a noise that is more than a command's digits
 ROWS_LATE = (0, 1)  # a sample is taken behind the voltage's change in its row, or before it
 
 
@@ -39,8 +41,8 @@ class CommonMode(Effect):
             return ()  # the voltage that the sensor sees is not the recorded one
         v = s.inputs("v")
         largest = float(np.max(np.abs(v), initial=0.0))
-        if not largest > 0:
-            return ()
+        if not largest > 0 or any(input_noise(o.inputs["v"]) > NOISY * largest for o in s.plan.observed):
+            return ()  # a controller of the current answers to the noise of its sensor by such a voltage
         size, found = USUAL * s.plan.largest("i") / largest, []
         for late in ROWS_LATE:
             shown = as_current(fit, v, rows_late=late)[:, :, None]
