@@ -33,7 +33,9 @@ def test_filtered_noise_is_whitened_from_the_first_row_on_and_behind_gaps(order,
     present = np.ones((n, 1), dtype=bool)
     present[150:153] = False
     white = noise.copy()
-    total = shorten(white, present, np.ones(n, dtype=bool), [[(a, s)]] * 2, rows_behind(present, ~present, 24))
+    total = shorten(
+        white, present, np.ones(n, dtype=bool), [[(a, s)]] * 2, rows_behind(present[:, 0], ~present[:, 0], 24)[:, None]
+    )
     covariance = np.array([h[: len(h) - k] @ h[k:] for k in range(25)])
     covariance /= covariance[0]
     covariance[0] += floor

@@ -221,20 +221,18 @@ def predictors(coefficients: bytes) -> tuple[FloatArray, FloatArray]:
 
 
 def rows_behind(present: NDArray[np.bool_], outlying: NDArray[np.bool_], most: int) -> IntArray:
-    """Return how many rows a sample has behind it, (n, q), `most` at most: since its recording began, or a gap.
+    """Return how many rows a sample has behind it, (n,), `most` at most: since its recording began, or a gap.
 
     An outlier is as good as a gap. Where every other sample or more is missing a gap is what the colour was told with,
     too: zeros, then.
     """
-    rows = np.zeros(present.shape, dtype=np.int64)
-    for j, (own, away) in enumerate(zip(present.T, outlying.T, strict=True)):
-        at = np.flatnonzero(own)
-        apart = np.diff(at, prepend=-most - 1)
-        stretches = int(np.count_nonzero(apart > 1))
-        begins = apart > (1 if len(at) > STRETCH * stretches else most)
-        if away.any():
-            begins |= away[at] | np.concatenate([[False], away[at[:-1]]])
-        rows[at, j] = np.minimum(at - np.maximum.accumulate(np.where(begins, at, 0)), most)
+    rows, at = np.zeros(len(present), dtype=np.int64), np.flatnonzero(present)
+    apart = np.diff(at, prepend=-most - 1)
+    stretches = int(np.count_nonzero(apart > 1))
+    begins = apart > (1 if len(at) > STRETCH * stretches else most)
+    if outlying.any():
+        begins |= outlying[at] | np.concatenate([[False], outlying[at[:-1]]])
+    rows[at] = np.minimum(at - np.maximum.accumulate(np.where(begins, at, 0)), most)
     return rows
 
 

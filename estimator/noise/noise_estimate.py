@@ -199,7 +199,7 @@ class _Choice:
         self.q = self.stacked.shape[1]
         self.behind = behind or [()] * self.q
         self.known = self._kept()
-        self.first = dataclasses.replace(self.whitener.noise, short=())
+        self.first = dataclasses.replace(self.whitener.noise, short=(), filtered=())
 
     def again(self) -> NoiseModel:
         """Estimate the parameters of the present components again; all afresh where they overflow.
@@ -209,7 +209,7 @@ class _Choice:
         noise = self._grown(self.first)
         if self.known:  # by what is explained now
             self.known |= {j: own for j, own in self._of_filters(noise).items() if j in self.known}
-            noise = dataclasses.replace(noise, short=self._alone())
+            noise = self._alone(noise)
         active = [("differenced" if noise.differenced[j] > 0 else "white", j) for j in range(self.q)]
         beside = noise.white > BESIDE_COUNTS * noise.differenced
         active += [("white", j) for j in range(self.q) if noise.differenced[j] > 0 and beside[j]]
@@ -242,7 +242,7 @@ class _Choice:
             noise, value = self.likelihood.largest(grows, active)
         self.known = self._of_filters(noise)
         if self.known:
-            noise, value = self.likelihood.largest(dataclasses.replace(noise, short=self._alone()), active)
+            noise, value = self.likelihood.largest(self._alone(noise), active)
         for _ in range((COMPONENTS if self.colour else 0) + int(differenced.sum())):
             options = self._options(noise, active)
             begun = [(*self.likelihood.largest(start, [c], iterations=5), c) for start, c in options]
@@ -349,10 +349,10 @@ class _Choice:
         running = self.whitener.noise.short[1] if self.whitener.noise.short else ()
         return {j: own for j, own in enumerate(running) if any(np.array_equal(own[0], a) for a, _ in self.behind[j])}
 
-    def _alone(self) -> tuple[tuple[Short, ...], ...]:
-        """Return the short autoregressions where those of filters are the only ones."""
+    def _alone(self, noise: NoiseModel) -> NoiseModel:
+        """Return the noise with the short autoregressions of filters alone."""
         each = tuple(self.known.get(j, (np.zeros(0), 1.0)) for j in range(self.q))
-        return (each, each) if self.known else ()
+        return dataclasses.replace(noise, short=(each, each), filtered=tuple(self.known))
 
     def _short(self, left: FloatArray, where: BoolArray, told: BoolArray) -> tuple[tuple[FloatArray, float], ...]:
         """Return the short autoregression of each channel, from these rows; none where they do not tell the colour."""

@@ -60,6 +60,8 @@ class NoiseModel:
         Deviation of the instants at which the samples were taken, s: noise in proportion to the slope.
     short : of the machine at rest and running, of each channel: coefficients of the short autoregression,
         and its innovation's deviation
+    filtered : channels whose autoregression is that of their declared filters, steep as it may be: exact from the first
+        row of a recording on, and behind gaps and outliers
     repeats : whether a channel's errors repeat themselves at a steady speed (repeating.py)
     """
 
@@ -72,6 +74,7 @@ class NoiseModel:
     seat: tuple[int, ...] = ()
     jitter: float = 0.0
     short: tuple[tuple[tuple[FloatArray, float], ...], ...] = ()
+    filtered: tuple[int, ...] = ()
     repeats: tuple[bool, ...] = ()
     running: FloatArray | None = None
     stands: float = LEAST_MOTION

@@ -229,10 +229,13 @@ class Whitener:
 
     @cached_property
     def _behind(self) -> NDArray[np.int64]:
-        """How many rows each sample has behind it for a short autoregression, (rows, q)."""
+        """How many rows each sample has behind it for a short autoregression, (rows, q); all, but behind filters."""
         outlying, most = self.inflate != 1.0, max(ORDERS)
-        each = [rows_behind(self.present[c.rows], outlying[c.rows], most) for c in self.clocks]
-        return each[0] if len(each) == 1 else np.concatenate(each)
+        found = np.full(self.present.shape, most)
+        for j in self.noise.filtered:
+            for rows in (c.rows for c in self.clocks):
+                found[rows, j] = rows_behind(self.present[rows, j], outlying[rows, j], most)
+        return found
 
     @cached_property
     def _gains(self) -> list[Gains]:
