@@ -39,6 +39,8 @@ class CommonMode(Effect):
         s = fit.simulator
         if motor_values(fit) is None or "i" not in s.outputs or any(g.name.startswith(PULSES) for g in fit.linear):
             return ()  # the voltage that the sensor sees is not the recorded one
+        if all(o.excitation.kind == "step" and not o.excitation.running for o in s.plan.observed):
+            return ()  # nothing tells it from B
         v = s.inputs("v")
         largest = float(np.max(np.abs(v), initial=0.0))
         if not largest > 0 or any(input_noise(o.inputs["v"]) > NOISY * largest for o in s.plan.observed):
