@@ -36,6 +36,14 @@ def test_what_bends_is_on_no_lines_and_what_has_no_noise_neither():
     assert smoothed(wave + rng.normal(0, 0.02, 3000)).errors is None
 
 
+def test_few_rows_hold_few_corners():
+    """Where corners leave no place for another the search ended in an error."""
+    rng = np.random.default_rng(3)
+    for rows in range(10, 40):
+        for shape in (ramp(rows, 0.3 * rows, 0.6 * rows), 12 * np.sin(np.arange(rows)), rng.normal(0, 5, rows)):
+            on_lines(shape + rng.normal(0, 0.01, rows), 0.01)
+
+
 def test_a_ramp_moves_smoothly_though_its_noise_hides_what_it_does_from_row_to_row():
     rng = np.random.default_rng(2)
     noise = rng.normal(0, 0.016, 2300)

@@ -42,6 +42,8 @@ def on_lines(v: FloatArray, noise: float) -> OnLines | None:
     while len(fitted.corners) < MOST_CORNERS:
         tried = np.linspace(0, n - 1, PLACES + 2)[1:-1]
         more = [np.sort(np.append(fitted.corners, c)) for c in tried if np.all(np.abs(fitted.corners - c) > LEAST)]
+        if not more:
+            break  # so few rows hold no more
         best = min((_moved(few, few_rows, corners, rounds=2) for corners in more), key=lambda f: f.misfit)
         best = _moved(v, rows, best.corners, rounds=GROWING)
         if fitted.misfit - best.misfit < WORTH * noise**2:
@@ -58,7 +60,6 @@ class _Fitted(NamedTuple):
     signal: FloatArray
     corners: FloatArray
     columns: FloatArray  # derivatives by its numbers: lines, then places of corners
-    bends: FloatArray
     misfit: float
 
 
@@ -71,7 +72,7 @@ def _fitted(v: FloatArray, rows: FloatArray, corners: FloatArray) -> _Fitted:
     found = found / np.where(scale > 0, scale, 1.0)
     signal, bends = lines @ found, found[2:]
     left = v - signal
-    return _Fitted(signal, corners, np.column_stack([lines, np.where(behind, -bends, 0.0)]), bends, float(left @ left))
+    return _Fitted(signal, corners, np.column_stack([lines, np.where(behind, -bends, 0.0)]), float(left @ left))
 
 
 def _moved(v: FloatArray, rows: FloatArray, corners: FloatArray, *, rounds: int = ROUNDS) -> _Fitted:
