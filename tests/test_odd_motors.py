@@ -133,6 +133,14 @@ def test_a_sensor_of_two_gains_is_doubted_and_what_is_not_known_of_them_is_in_th
     assert worst(found) < 4.5, worst(found)
 
 
+@pytest.mark.parametrize("levels", [LEVELS, pytest.param(BOTH_WAYS, marks=pytest.mark.full)])
+def test_a_sensor_of_two_ranges_is_doubted_and_what_is_not_known_of_them_is_in_the_errors(levels):
+    """A step of an outside bench was ok, with a resistance 58 standard errors off."""
+    found = run(bench(levels, shown=lambda i, t: np.where(np.abs(i) > 1.5, 0.97, 1.0) * i))
+    assert "gain by range of i" in found.effects and found.verdict == "doubtful", found.reasons
+    assert worst(found) < 4.5, worst(found)
+
+
 def test_an_offset_that_drifts_is_found():
     found = run(bench(BOTH_WAYS, shown=lambda i, t: i + 0.2 * t))
     assert "offset drift" in found.effects and worst(found) < 4.5, (found.effects, found.reasons)

@@ -23,6 +23,7 @@ from estimator.explaining.effects.drive import (
 from estimator.explaining.effects.drive_drop import DriveDrop
 from estimator.explaining.effects.edge_latency import EdgeLatency
 from estimator.explaining.effects.gain import Gain
+from estimator.explaining.effects.gain_by_range import GainByRange
 from estimator.explaining.effects.hum import Hum
 from estimator.explaining.effects.limit_slope import LimitSlope
 from estimator.explaining.effects.load_step import LoadStep
@@ -72,6 +73,7 @@ EFFECTS: tuple[Effect, ...] = (
     AcCoupling(),
     Gain(),
     TwoGains(),
+    GainByRange(),
     SensorCurve(),
     CommonMode(),
     Ripple(),

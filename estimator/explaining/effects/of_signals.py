@@ -177,6 +177,7 @@ class TwoGains(OfSignals):
         """Yield one of all recordings, where the current flows both ways."""
         if i is None or "gain i" in fit.simulator.plan.declared:
             return
+        i = fit.shown[:, fit.simulator.outputs.index("i")]  # as filters show it
         top, bottom = float(np.max(i)), float(np.min(i))
         if min(top, -bottom) < 0.1 * max(top, -bottom):
             return

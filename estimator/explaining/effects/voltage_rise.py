@@ -21,15 +21,17 @@ from estimator.motor.state_space import matrices
 from estimator.motor.winding import resistance_of
 from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
+from estimator.recordings.signal_noise import input_noise
 
 NAME = "voltage rise"
+NOISY = 1e-3  # of the largest voltage: a noise that is more than a command's digits
 LONGEST = 0.3  # of a recording: the longest time constant
-TRIED = (3.0, 10.0, 30.0)  # samples
+TRIED = (1.0, 3.0, 10.0, 30.0)  # samples
 FASTER = 0.2  # of what stood for the rise: the time constant that the motor begins with instead
 
 
 def times_of_command(
-    plan: Plan, tried: Sequence[float], *, of_some: bool = False
+    plan: Plan, tried: Sequence[float], *, of_some: bool = False, smooth: bool = False
 ) -> list[tuple[float, tuple[float, ...]]]:
     """Return the longest time, s, that a command's voltage may take to its level, and those that are tried.
 
@@ -40,10 +42,15 @@ def times_of_command(
     tried : times in samples
     of_some : bool
         Whether it is enough that one of the recordings has a command.
+    smooth : bool
+        Whether what changes in every row, without noise, may be a command too.
     """
     if not plan.binding.is_motor or "v" not in plan.observed[0].inputs:
         return []
     measured = [o.is_measured for o in plan.observed]
+    if smooth:
+        most = NOISY * plan.largest("v")
+        measured = [o.is_quiet or input_noise(o.inputs["v"]) > most for o in plan.observed]
     if all(measured) if of_some else any(measured):
         return []
     step, times = plan.shortest_step, [o.recording.time for o in plan.observed]
@@ -68,7 +75,7 @@ class VoltageRise(Effect):
                 NAME, "s", 0.0, longest, 0.0, plan.shortest_step, act=partial(through, lag), sections=lag, between=True,
                 tries=tries,
             )
-            for longest, tries in times_of_command(plan, TRIED)
+            for longest, tries in times_of_command(plan, TRIED, smooth=True)
         ]  # fmt: skip
 
     def mirrored(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
