@@ -349,6 +349,19 @@ def test_a_sign_is_refused_with_an_option_that_cures_it(file, bench, capsys):
     assert (status, found["verdict"]) == (0, "ok")
 
 
+def test_a_factor_says_what_the_volts_of_a_probe_are(file, bench, capsys):
+    """An oscilloscope's channels are volts, whatever is connected."""
+    path = file("time [s],CH1 [V],CH2 [mV],CH3 [V]", i=100 * bench["i"], w=0.01 * bench["w"])
+    columns = [x for pair in ("v=CH1", "i=CH2", "w=CH3") for x in ("--column", pair)]
+    for command in ("check", "estimate"):
+        status, _, err = run(capsys, command, path, *columns, "--scale", "w=100")
+        assert status == 2 and "'mV' is no unit of current; use one of A, mA, or say with --scale how many A a" in err
+    status, found = estimate(capsys, path, *columns, "--scale", "i=10", "--scale", "w=100")
+    assert found["verdict"] == "ok" and abs(found["parameters"]["R"]["value"] - CML050.R) < 0.1
+    shown = json.loads(run(capsys, "check", path, *columns, "--scale", "i=10", "--scale", "w=100", "--json")[1])
+    assert shown["recordings"][0]["signals"]["i"]["largest"] == pytest.approx(np.max(bench["i"]), rel=1e-5)
+
+
 def test_a_transient_that_was_cut_out_is_refused_before_the_search(file, bench, capsys):
     keep = np.r_[0:201, 260:1001]
     cut = {name: y[keep] for name, y in bench.items()} | {"t": bench["t"][: len(keep)]}

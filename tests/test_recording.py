@@ -276,9 +276,10 @@ def test_lines_of_units_and_comments_may_stand_below_the_names(head: list[str], 
         ("时间（s）,电压/V,电流/A,角速度(rad/s)", "gb18030"),
         ("時間[s],電圧[V],電流[A],速度[rad/s]", "shift_jis"),
         ("時間[s],電壓[V],電流[A],轉速[rad/s]", "big5"),
+        ("Время [с],Напряжение [В],Ток [А],Скорость [рад/с]", "cp1251"),
     ],
 )
-def test_chinese_and_japanese_headers_are_read_as_their_systems_write_them(
+def test_chinese_japanese_and_russian_headers_are_read_as_their_systems_write_them(
     header: str, encoding: str, tmp_path: Path
 ) -> None:
     check(read(tmp_path, with_header(header).encode(encoding)))

@@ -166,7 +166,9 @@ def _driven(
     driven = {}
     for name, column in inputs.items():
         unit = binding.signal(name).unit or None
-        driven[name] = _corrected(_driving(binding.case, recording, name, column, unit), recording, name, column, run)
+        driven[name] = _corrected(
+            _driving(binding.case, recording, name, column, unit, run), recording, name, column, run
+        )
     curved = {n: on_a_curve(recording.time, u) for n, u in driven.items() if n not in binding.case.linear}
     notes = [
         f"{recording.title}: {name} has {many} missing samples, taken on a curve between the others"
@@ -288,10 +290,17 @@ def _corrected(signal: FloatArray, recording: Recording, name: str, column: str,
     return corrected(signal, scale, offset, what=f"{name} of {recording.title}")
 
 
-def _driving(case: Case, recording: Recording, name: str, column: str, unit: str | None) -> FloatArray:
+def _unit_of_sensor(recording: Recording, column: str, unit: str | None, name: str, run: RunSpec) -> str | None:
+    """Return the unit a column is read in: volts, where a factor says what one of them is worth, as of a probe."""
+    own = recording.column(column)
+    in_volts = recording.units.get(own) == "V" and (name in run.scale or own in run.scale)
+    return "V" if in_volts else unit
+
+
+def _driving(case: Case, recording: Recording, name: str, column: str, unit: str | None, run: RunSpec) -> FloatArray:
     """Return an input's samples; a duty cycle times its supply."""
     if name not in case.products:
-        return recording.signal(column, unit=unit)
+        return recording.signal(column, unit=_unit_of_sensor(recording, column, unit, name, run))
     other = recording.column(case.products[name])
     kinds = {recording.units[c] for c in (column, other)} & {"1", "", "?"}
     if not kinds:
@@ -316,7 +325,8 @@ def _measured(
             )
         signal = counted_on(recording.signals[recording.column(column)])[0] * (2 * np.pi / spec.counts)
     else:
-        signal = recording.signal(column, unit="rad" if is_angle else unit)
+        unit = "rad" if is_angle else _unit_of_sensor(recording, column, unit, name, run)
+        signal = recording.signal(column, unit=unit)
         if header_unit == "rad" and starts_again(signal):
             signal = _added_up(recording, column, signal)
     signal = _corrected(signal, recording, name, column, run)

@@ -84,9 +84,10 @@ def _of_role(recording: Recording, role: str, *, wanted: bool) -> str | None:
     """Return the column of a role, as the user said or by its usual names; refuse a bad one where it is wanted."""
     quantity = ROLE_QUANTITY[role]
     if role in recording.roles:
-        if fault := recording.fault(recording.roles[role], quantity):
-            raise RecordingError(fault)
-        return recording.roles[role]
+        column = recording.roles[role]
+        if recording.units.get(column) != "V" and (fault := recording.fault(column, quantity)):
+            raise RecordingError(fault)  # a factor may tell what a sensor's volts are
+        return column
     ranked = sorted(
         (rank, column)
         for column in [*recording.signals, *recording.unreadable]

@@ -14,6 +14,7 @@ from estimator.recordings.clipping import clipped, limit
 from estimator.recordings.corrected import corrected
 from estimator.recordings.excitation import LEVEL, Excitation, find_delay, find_excitation
 from estimator.recordings.finding import Finding
+from estimator.recordings.headers import ROLE_QUANTITY
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.plausibility import implausible_as_read
 from estimator.recordings.quantum import quantum
@@ -87,6 +88,8 @@ def preview(
     factors, added = dict(scale or {}), dict(offset or {})
     signals = {}
     for name, column in columns.items():
+        if not {name, column} & factors.keys() and (fault := recording.fault(column, ROLE_QUANTITY[name])):
+            raise RecordingError(fault)
         factor = factors.pop(name, factors.pop(column, 1.0))
         offset_of = added.pop(name, added.pop(column, 0.0))
         signals[name] = corrected(recording.signals[column], factor, offset_of, what=f"{name} of {recording.title}")

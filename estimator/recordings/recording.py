@@ -15,7 +15,7 @@ import numpy as np
 from estimator.errors import RecordingError, suggestion
 from estimator.locked import Locked
 from estimator.recordings.headers import assumed_unit, parse_header, plain, quantity_of
-from estimator.recordings.units import FloatArray, Unit, examples, parse_unit
+from estimator.recordings.units import FloatArray, Unit, examples, parse_unit, unit_of
 
 MIN_SAMPLES = 10
 
@@ -147,15 +147,17 @@ class Recording(Locked):
                 known = "is not a known unit" if given is None else f"is no unit of {quantity}"
                 return (
                     f"{self.title}: column {header.text!r}: {header.unit_text!r} {known};"
-                    f" use one of {examples(quantity)}{_of_a_wheel(given, quantity)}"
+                    f" use one of {examples(quantity)}{_otherwise(given, quantity)}"
                 )
         if np.isnan(self.signals[column]).all():
             return f"{self.title}: column {column!r} is empty; it should hold the measured samples"
         return None
 
 
-def _of_a_wheel(given: Unit | None, quantity: str) -> str:
-    """Return how a way or a speed in metres is taken for the shaft's, where a unit is of one."""
+def _otherwise(given: Unit | None, quantity: str) -> str:
+    """Return how a way or a speed in metres is taken for the shaft's, or a sensor's volts for what it measures."""
+    if given is not None and given.quantity == "voltage":
+        return f", or say with --scale how many {unit_of(quantity).si} a volt is"
     if given is None or (given.quantity, quantity) not in (("speed", "angular speed"), ("length", "angle")):
         return ""
     return ", or say with --per-turn how many metres a turn goes"

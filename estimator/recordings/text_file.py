@@ -12,8 +12,9 @@ from estimator.recordings.suffixes import SUFFIXES
 
 _MINUS = "\u2212"  # as spreadsheets write it in the north of Europe
 _CONTROL = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a\x1b"))  # never in a text
-_TIMES = {word.encode(code): code for word, code in (("时间", "gb18030"), ("時間", "big5"), ("時間", "shift_jis"))}
-_HEAD = 4096  # bytes within which a word for the time tells how a Chinese or Japanese file is written
+_WORDS = (("时间", "gb18030"), ("時間", "big5"), ("時間", "shift_jis"), ("Время", "cp1251"), ("время", "cp1251"))
+_TIMES = {word.encode(code): code for word, code in _WORDS}
+_HEAD = 4096  # bytes within which a word for the time tells how a Chinese, Japanese or Russian file is written
 
 
 def read_text(path: Path) -> tuple[str, str]:
