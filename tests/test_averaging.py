@@ -59,7 +59,7 @@ def test_an_error_ends_at_a_part_that_has_none_where_that_brings_what_is_missing
             assert (1 - chance) * (2 * normal_chance(np.array([half]))[0] - 1) == pytest.approx(CONFIDENCE)
 
 
-def explained(runs, columns, drifts, y):
+def explained(runs, columns, drifts, y, effect=Effect("drift")):
     """Return what a fit of white noise of variance 1 says of its parameters, and of a drift in each of some runs."""
     covariance = np.linalg.inv(columns.T @ columns)
     values, known = covariance @ columns.T @ y, Projection(columns)
@@ -74,7 +74,7 @@ def explained(runs, columns, drifts, y):
     test, additions = ScoreTest(None, known, known.rest(y)), []
     for k in range(runs):
         scores = Scores.of(test, columns, known.rest(drifts[:, k : k + 1]), drifts[:, k : k + 1])
-        additions.append(Addition(Effect("drift"), f"drift run{k}", 1, scores.gain, scores=scores, usual=1.0))
+        additions.append(Addition(effect, f"drift run{k}", 1, scores.gain, scores=scores, usual=1.0))
     return averaged(Explanation(fit), additions, [], len(y), [], np.zeros(columns.shape[1])), values
 
 
@@ -97,6 +97,36 @@ def test_what_all_recordings_may_have_is_in_the_errors_though_each_alone_moves_n
         half = normal_quantile(0.5 + CONFIDENCE / 2) * np.sqrt(mean.covariance[-1, -1])
         covered += abs(values[-1] - 1.0) < half
     assert covered >= 273, covered
+
+
+def test_evidence_is_that_of_a_normal_prior_of_each_size():
+    """Of a linear model in closed form: log det (1 + s2 I) + 2 log 1/prior - s2 a2 / (1 + s2 I)."""
+    along, information, size, prior = 11.0, 900.0, 0.1, 0.2
+    scores = Scores(np.array([along]), np.array([[information]]), 1000.0, np.zeros((1, 1)), np.zeros((1, 1)))
+    addition = Addition(Effect("offset", prior=prior), "offset i", 1, scores.gain, scores=scores)
+    numbers, spread, behind = addition.posterior(size)
+    told = 1 + size**2 * information
+    assert numbers[0] == pytest.approx(size * along / told) and spread[0, 0] == pytest.approx(1 / told)
+    assert behind == pytest.approx(np.log(told) - 2 * np.log(prior) - size**2 * along**2 / told)
+
+
+def test_an_offset_that_is_far_smaller_than_usual_is_in_the_errors():
+    """Of a plain outside recording K was 5.1 and B 5.8 standard errors off, by 0.13 % of the largest current.
+
+    95 % of 1 000 intervals cover where it is there as often as it is said to be, and fewer than 924 with a chance below
+    1 in 5 000 (binomial); by offsets of the usual size alone 86 % did.
+    """
+    rng, covered = np.random.default_rng(8), {0.0: 0, 0.1: 0}
+    n, usual = 400, 150.0
+    columns, offset = np.column_stack([np.linspace(0.8, 1.2, n)]), np.ones((n, 1))
+    for _ in range(1000):
+        y = columns[:, 0] + 0.1 * usual * rng.standard_normal() * (rng.uniform() < Effect("offset").prior) / np.sqrt(n)
+        y += rng.standard_normal(n)
+        for small in covered:
+            mean, values = explained(1, columns, usual / np.sqrt(n) * offset, y, Effect("offset", small=small))
+            half = normal_quantile(0.5 + CONFIDENCE / 2) * np.sqrt(mean.covariance[0, 0])
+            covered[small] += abs(values[0] - 1.0) < half
+    assert covered[0.1] >= 924 > covered[0.0], covered
 
 
 def test_a_rivals_parameter_that_is_hardly_told_reaches_to_zero_and_takes_the_others_no_further():

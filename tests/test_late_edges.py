@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from estimator import estimate_parameters, simulate_fmu
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
 from estimator.fitting.latency import with_latencies
@@ -58,3 +59,20 @@ def test_changes_that_come_late_are_told_by_the_speed_alone():
 def test_a_motor_that_stops_slowly_is_not_late(kind, seed):
     """One that coasts takes longer to stand than to run, by friction less the faster it was."""
     assert told_by(speed_of(np.full(len(LEVELS) - 1, 0.05), seed, **kind)) == ()
+
+
+@pytest.mark.parametrize("late", [(29.3, 35.1), (29.3, 29.3), (3.2, 8.7)])
+def test_an_edge_is_late_by_its_own_though_the_current_still_settles_before_it(late):
+    """Of 36 V and back nothing was told of an outside motor: the current fell by half while the second edge waited."""
+    motor = {"R": 1.37, "K": 0.164, "L": 1.3e-3, "J": 2e-4, "B": 1.2e-3}
+    fine, rows = 20, 212
+    edges = fine * (np.array([50, 128]) + late)
+    v = 36.0 * ((np.arange(rows * fine) >= edges[0]) & (np.arange(rows * fine) < edges[1]))
+    motion = simulate_fmu("dc_motor", times=H / fine * np.arange(rows * fine), inputs={"v": v}, parameters=motor)
+    rng = np.random.default_rng(3)
+    command = 36.0 * ((np.arange(rows) >= 50) & (np.arange(rows) < 128))
+    i, w = motion["i"][::fine] + rng.normal(0, 0.015, rows), motion["w"][::fine] + rng.normal(0, 0.2, rows)
+    result = estimate_parameters(time=H * np.arange(rows), v=command, i=i, w=w, workers=1)
+    off = [abs(result.parameters[n].value - x) / result.parameters[n].uncertainty for n, x in motor.items()]
+    assert result.verdict == "ok" and max(off) < 4.5, (off, result.reasons)
+    assert any("each by its own" in note for note in result.notes) == (late[0] != late[1])

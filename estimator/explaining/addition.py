@@ -173,15 +173,15 @@ class Addition:
         assert self.scores is not None
         return self.scores.scaled(self.linear.size) if self.linear is not None and self.linear.size else self.scores
 
-    def posterior(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return what its score test tells of it beside its prior.
+    def posterior(self, part: float = 1.0) -> tuple[FloatArray, FloatArray, float]:
+        """Return what its score test tells of it beside its prior, which is of a part of its usual size.
 
         Returns
         -------
-        Its numbers, (k,), in usual sizes, their covariance, (k, k), and by how much the evidence with it is above that
+        Its numbers, (k,), in such sizes, their covariance, (k, k), and by how much the evidence with it is above that
         without (`Explanation.evidence`).
         """
-        scores, known = self.usual_scores, self.has_known_size
+        scores, known = self.usual_scores.scaled(part), self.has_known_size
         k = len(scores.information)
         information = scores.information + (np.eye(k) if known else 0.0)
         spread = np.asarray(np.linalg.pinv(information) if k > 1 else 1 / information)

@@ -140,8 +140,11 @@ def averaged(
             hidden.append(HiddenEffect(a, share * a.usual, part > LARGER, share * off[:, 0]))
         if a.gain <= 0 or power <= (VISIBLE if a.has_known_size else TOLD_POWER * scores.whole):
             continue
-        size, spread, behind = a.posterior()
-        parts.append((max(behind, 0.0), own - off @ size, covariance[:p, :p] + off @ spread @ off.T))
+        for part in (1.0, a.effect.small):
+            if part == 1.0 or part**2 * power > VISIBLE:
+                size, spread, behind = a.posterior(part)
+                moved = part * off
+                parts.append((max(behind, 0.0), own - moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
     parts += [(max(t.behind, 0.0), own, t.covariance) for t in torques]
     told, by_itself = [], list(parts)
     deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p] + beside, 1e-300))

@@ -27,6 +27,7 @@ ONSET_NOISE = 6.0  # deviations of the noise: a larger change of the current is 
 ONSET_PART = 0.1  # of the largest change of the current per volt: likewise
 MEDIAN_OF = np.pi / 2  # variance of a median over that of a mean
 BEFORE = 5  # rows before a change, at least, in which the current has settled
+SUDDEN, STEEPER = 3, 4.0  # rows in which an onset is seen beside a course, and by how many times it must be steeper
 HALVES = 3  # times from a quarter of a speed's change to its half, by which changes must come later or earlier
 ONSET_BEFORE = np.log(2) / np.log(1.5)  # of those times, of a first-order response, between its begin and its half
 TOLD = 4.0  # standard errors by which it is later or earlier then
@@ -105,13 +106,20 @@ def _of_current(o: Observed, v: FloatArray, edges: NDArray[np.int64]) -> tuple[l
         if not lasting.any():
             return None
         rows = max(0, int(np.argmax(lasting)) - 1)
-        settled = smooth[max(0, a - max(rows, BEFORE)) : a]
-        if abs(settled[-1] - settled[0]) > level * abs(v[a] - v[a - 1]):  # what comes then may be of the change before
+        settled, least = smooth[max(0, a - max(rows, BEFORE)) : a], level * abs(v[a] - v[a - 1])
+        moves_on = abs(settled[-1] - settled[0]) > least  # what comes then may be of the change before
+        if moves_on and not _is_sudden(smooth, a, a + rows, least):
             return None
-        late.append(0 if _has_left(i[a : a + rows], before, v[a] - v[a - 1], noise) else rows)
+        late.append(0 if not moves_on and _has_left(i[a : a + rows], before, v[a] - v[a - 1], noise) else rows)
     # Where a current takes many rows to its onset, noise moves that: by so many rows, of a rise that is even.
     moved = np.array(late) * noise / (level * changes)
     return late, TOLD * np.hypot(moved, moved[0])
+
+
+def _is_sudden(i: FloatArray, edge: int, onset: int, least: float) -> bool:
+    """Whether a current, (n,), leaves at an onset, by more than the least, a course that was far slower at the edge."""
+    leaves = abs(i[min(onset + SUDDEN, len(i) - 1)] - i[onset])
+    return bool(leaves > least + STEEPER * abs(i[edge - 1] - i[max(0, edge - 1 - SUDDEN)]))
 
 
 def _of_speed(o: Observed, v: FloatArray, edges: NDArray[np.int64]) -> tuple[list[int], FloatArray] | None:

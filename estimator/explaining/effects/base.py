@@ -51,6 +51,8 @@ class Effect:
         Mean delay of a signal for a unit of its number, s; 0: it has none, or not in proportion.
     is_last : bool
         Delays, filters and the model do nearly what it does: it is told only where no explanation without it is near.
+    small : float
+        A part of its usual size that is as usual, where all sizes are: what is averaged over holds both.
     sentence : str
         Reports it: a format of its name, the channel that this ends with, its value, and that in ms and percent.
     """
@@ -64,6 +66,7 @@ class Effect:
     follows: bool = False
     lateness: float = 0.0
     is_last: bool = False
+    small: float = 0.0
     sentence: str = "{name} is estimated"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:

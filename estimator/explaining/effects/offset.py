@@ -30,6 +30,7 @@ class Offset(Effect):
     """An offset of one output in one recording, in its unit."""
 
     name: str = "offset"
+    small: float = 0.1
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return one for each output of each recording; a speed from encoder counts has none.
