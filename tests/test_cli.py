@@ -527,6 +527,15 @@ def test_inputs_come_from_a_recording_by_name_or_by_their_usual_names(calls, cap
     assert len(calls.simulated.times) == 20
 
 
+def test_the_examples_of_simulate_run(calls, capsys, tmp_path):
+    (tmp_path / "drive.csv").write_text("time [s],v [V]\n" + "\n".join(f"{k / 1000},{k}" for k in range(20)))
+    assert main(["simulate", "--help"]) == 0
+    examples = capsys.readouterr().out.partition("\nexamples:\n")[2].splitlines()
+    assert len(examples) == 2
+    for example in examples:
+        assert main(example.split()[1:]) == 0, example
+
+
 def simulate_fails(capsys, rest: str) -> str:
     return fails(capsys, "simulate", "motor.fmu", *rest.split())
 

@@ -51,7 +51,7 @@ def add_reading(add: Callable[..., Any]) -> None:
         "--column",
         type=text_assignment,
         metavar="SIGNAL=COLUMN",
-        help="which column is v, i, w, angle or load; repeatable",
+        help="which column is v, i, w, angle, load or time, by name or number; repeatable",
         **REPEATABLE,
     )
     add(

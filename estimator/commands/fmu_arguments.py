@@ -20,7 +20,7 @@ Simulate an FMU and print what comes out as CSV, which estimate reads back. Valu
 Exit status: 0 simulated; 2 bad input, or the FMU fails.""",
         [
             f"{PROGRAM} simulate dc_motor --set R=1.2 --voltage-step 10.5@0.5 -o step.csv",
-            f"{PROGRAM} simulate my_motor.fmu --input drive.csv --step 1e-4",
+            f"{PROGRAM} simulate my_motor.fmu --input drive.csv -o response.csv",
         ],
         module="simulation",
     )
@@ -39,7 +39,7 @@ Exit status: 0 simulated; 2 bad input, or the FMU fails.""",
     drive.add_argument(
         "--voltage-step", type=level_at, metavar="V@T", help="voltage input: 0 V, then V volts from T seconds on"
     )
-    drive.add_argument("--input", type=path, metavar="FILE", help="a recording with a column for each input")
+    drive.add_argument("--input", type=path, metavar="FILE", help="a recording of times and inputs")
     add("--stop", type=positive, metavar="S", help="last instant, in s (default: 2.8)")
     add("--step", type=positive, metavar="S", help="communication step, in s (default: 1e-3)")
     add("-o", dest="output", type=path, metavar="OUT.csv", help="write there instead of to the terminal")
