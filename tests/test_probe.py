@@ -8,7 +8,7 @@ from faulty import faulty_fmu
 from foreign_fmus import foreign_fmu
 
 from estimator.cli import main
-from estimator.commands.inspection import grouped
+from estimator.commands.inspection import grouped, probe_sentences
 from estimator.fmus import probe as module
 from estimator.fmus import probe_stages
 from estimator.fmus.fmu import describe
@@ -79,6 +79,7 @@ def test_euler_inside_is_seen_in_the_step(tmp_path):
     found = probed(tmp_path, "EULER")
     assert found.step_change == pytest.approx(0.03, rel=0.2)
     assert "its outputs change by 3 % of their range from a step of 0.001 s to 0.0001 s" in found.findings[0]
+    assert sum("of their range" in sentence for sentence in probe_sentences(found)) == 1
 
 
 def test_instances_that_share_their_state_are_found_out(tmp_path):

@@ -5,6 +5,7 @@ docs/any-fmu.md is the table of quirks against these tests; a test here keeps it
 
 import ast
 import contextlib
+import dataclasses
 import re
 import shutil
 import subprocess
@@ -358,8 +359,10 @@ def test_a_binary_that_is_none_is_told(tmp_path, recording):
 
 def test_a_wrong_guid_is_told(tmp_path, recording):
     fmu = bundled_copy(tmp_path, [(describe("dc_motor").guid, "{another}")])
-    with pytest.raises(FmuError, match=r"copy.fmu cannot be used: it does not run: instantiate gave no instance"):
-        estimate(case_for_recording(recording, fmu=str(fmu)), workers=1)
+    for kind in ("co-simulation", "model-exchange"):
+        case = dataclasses.replace(case_for_recording(recording, fmu=str(fmu)), kind=kind)
+        with pytest.raises(FmuError, match=r"copy.fmu cannot be used: .* gave no instance: wrong GUID: this binary"):
+            estimate(case, workers=1)
 
 
 def test_a_wrong_identifier_is_told(tmp_path, recording):

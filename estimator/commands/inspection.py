@@ -10,7 +10,7 @@ from typing import Any
 from estimator.cases.roles import guess_roles
 from estimator.errors import FmuError
 from estimator.fmus.fmu import FmuDescription, check_usable
-from estimator.fmus.probe import Probe, disagreement
+from estimator.fmus.probe import LARGE_CHANGE, Probe, disagreement
 from estimator.fmus.variable import Variable
 from estimator.results.numbers import number_text
 from estimator.results.result_json import json_ready
@@ -160,7 +160,7 @@ def probe_sentences(probe: Probe) -> list[str]:
     taken = [name for name, answer in probe.parameters.items() if answer == "taken"]
     if taken:
         lines.append(f"it takes {', '.join(taken)}")
-    if probe.step_change is not None:
+    if probe.step_change is not None and probe.step_change <= LARGE_CHANGE:  # a larger one is among the findings
         lines.append(f"a ten times finer step changes its outputs by {100 * probe.step_change:.2g} % of their range")
     return [*lines, *probe.findings]
 

@@ -80,7 +80,7 @@ class FmuDescription:
 
     @property
     def is_fast(self) -> bool:
-        """Whether it is simulated at full speed: co-simulation of FMI 2.0 or 3.0."""
+        """Whether the loop calls it as it is, without an adapter: co-simulation of FMI 2.0 or 3.0."""
         return self.kind == "co-simulation" and self.fmi_version[:1] in ("2", "3")
 
     def variable(self, name: str, *, role: str = "variable") -> Variable:

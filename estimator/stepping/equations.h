@@ -160,19 +160,20 @@ static int settle(const Equations *e, void *c, Event *event) {
 
 /* The life of an instance. */
 
-static void *equations_instantiate(const Equations *e, const char *name, const char *guid, const char *resources) {
+static void *equations_instantiate(const Equations *e, const char *name, const char *guid, const char *resources,
+                                   int logging) {
     if (e->version == 3)
-        return CALL(fmi3InstantiateModelExchangeTYPE, e->instantiate)(name, guid, resources, false, false, e->log,
-                                                                      e->log_message);
+        return CALL(fmi3InstantiateModelExchangeTYPE, e->instantiate)(name, guid, resources, false, logging != 0,
+                                                                      e->log, e->log_message);
     if (e->version == 2)
         return CALL(fmi2InstantiateTYPE, e->instantiate)(name, fmi2ModelExchange, guid, resources, e->callbacks,
-                                                         fmi2False, fmi2False);
+                                                         fmi2False, logging);
     if (e->is_model)
         return CALL(InstantiateModel1, e->instantiate)(
-            name, guid, *(const Callbacks1 *)e->callbacks, 0);
+            name, guid, *(const Callbacks1 *)e->callbacks, (char)(logging != 0));
     return CALL(InstantiateSlave1,
                 e->instantiate)(name, guid, e->location, "application/x-fmu-sharedlibrary", 0.0, 0, 0,
-                                *(const Callbacks1 *)e->callbacks, 0);
+                                *(const Callbacks1 *)e->callbacks, (char)(logging != 0));
 }
 
 /* Begin the initialisation. */

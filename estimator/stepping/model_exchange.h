@@ -47,13 +47,13 @@ static fmi2Component exchange_instantiate(fmi2String name, fmi2Type type, fmi2St
                                           fmi2Boolean logging) {
     Equations *equations = (Equations *)(uintptr_t)(const void *)callbacks;
     Exchange *x = calloc(1, sizeof *x);
-    (void)type, (void)visible, (void)logging;
+    (void)type, (void)visible;
     if (x == NULL) return NULL;
     x->equations = equations;
     x->name = name;
     x->guid = guid;
     x->resources = resources;
-    x->instance = equations_instantiate(equations, name, guid, resources);
+    x->instance = equations_instantiate(equations, name, guid, resources, logging);
     if (x->instance != NULL) return x;
     free(x);
     return NULL;
@@ -79,7 +79,7 @@ static fmi2Status exchange_reset(fmi2Component component) {
     exchange_forget(x);
     if (e->reset != NULL) return (fmi2Status)CALL(Simple, e->reset)(x->instance);
     CALL(FreeInstance, e->free_instance)(x->instance); /* FMI 1.0 for model exchange has no reset */
-    x->instance = equations_instantiate(e, x->name, x->guid, x->resources);
+    x->instance = equations_instantiate(e, x->name, x->guid, x->resources, 0);
     return x->instance != NULL ? fmi2OK : fmi2Fatal;
 }
 

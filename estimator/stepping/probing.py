@@ -243,9 +243,11 @@ class Prober:
         if self.component:
             self.call["free_instance"](self.component)
             self.component = None
-        name, resources = fmu.instance_name, fmu.resources
-        self.component = self.call["instantiate"](name, 1, fmu.guid, resources, fmu.callbacks, 0, 0)
+        asked = fmu.instance_name, 1, fmu.guid, fmu.resources, fmu.callbacks, 0
+        self.component = self.call["instantiate"](*asked, 0)
         if not self.component:
+            if not self._words() and (other := self.call["instantiate"](*asked, 1)):  # with logging: some say why then
+                self.call["free_instance"](other)
             raise Refused(f"instantiate gave no instance{self._words()}")
 
     def _step(self, component: int | None, k: int, h: float) -> None:
