@@ -88,6 +88,17 @@ def test_of_a_variable_without_a_unit_whose_start_no_such_motor_has_the_fmus_sta
     assert guessed["start"] == 12.0 and guessed["min"] == 0.12, "12 mH, in an FMU that says no unit"
 
 
+def test_a_speed_without_a_unit_is_told_what_it_is_taken_for(folder):
+    step, taken = (
+        read_recording(folder / "step.csv"),
+        "[no unit]; taken as rad/s, add gain = 0.1047197551 if it is in rpm",
+    )
+    for change, told in (([], False), ([('(valueReference="7".*?) unit="rad/s"', r"\1")], True)):
+        fmu = foreign_fmu(folder / f"unit{told}", change=change)
+        text = case_text(describe(fmu), step, fmu=str(fmu), folder=folder)
+        assert (f"# shaft.w {taken}" in text) is told, text
+
+
 def test_an_angle_stands_for_the_speed_where_no_speed_was_measured(folder):
     encoder = folder / "encoder.csv"
     rows = "".join(f"{k / 1000},{10 * (k > 5)},{k / 100},{k / 10}\n" for k in range(20))

@@ -29,6 +29,7 @@ WIDTH = 100.0  # factor either way of the start
 WIDE = {"J": 1e3, "B": 1e4}  # of a motor's that single recordings tell less well
 SHOWN = 30  # other variables that are listed
 FEW = 6  # parameters of an FMU that is no motor: no more, and all are estimated
+RPM = f"; taken as rad/s, add gain = {np.pi / 30:.10g} if it is in rpm"
 NOTHING: Mapping[str, str] = {}
 Range = tuple[float, float, float]
 _MOTOR_NAMES = "  # a name R, K, L, J or B says what it is in a motor; fmu says what the FMU calls it"
@@ -115,7 +116,8 @@ def _signals(
     for role in wanted if roles else ():
         name, column = roles.get(role, ("",))[0], columns.get(role)
         if column is not None and name:
-            rows.append(f"{role} = {_signal(role, column, name)}  # {_told(variables[name])}")
+            other = RPM if role == "w" and not variables[name].unit else ""
+            rows.append(f"{role} = {_signal(role, column, name)}  # {_told(variables[name])}{other}")
         elif role in required and (column is not None or name) and not more:
             missing = f"no column looks like {ROLE_TITLE[role]}{hints.get(role, '')}"
             missing = missing if column is None else "no variable looks like it"
@@ -219,8 +221,7 @@ def _fixed(roles: dict[str, tuple[str, ...]], driven: set[str], variables: dict[
 
 
 def _told(variable: Variable) -> str:
-    unit = f" [{variable.unit}]" if variable.unit else ""
-    return " ".join(f"{variable.name}{unit} {variable.description}".split())
+    return " ".join(f"{variable.name} [{variable.unit or 'no unit'}] {variable.description}".split())
 
 
 def _alike(variables: dict[str, Variable], recording: Recording) -> dict[str, str]:
