@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from estimator.recordings.files import recordings_in
 from estimator.recordings.made_columns import with_constant_voltage
 from estimator.recordings.preview import MOST_LEVELS, Preview, preview, preview_mapping
 from estimator.recordings.understood import how_to_overrule
+from estimator.results.result_json import json_ready
 from estimator.results.text_table import TextTable
 
 if TYPE_CHECKING:
@@ -142,16 +143,8 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]], width: int | No
 
 
 def _json(previews: Sequence[Preview]) -> str:
-    found: dict[str, Any] = {"recordings": [preview_mapping(p) for p in previews]}
-    return json.dumps(_finite(found), indent=2, allow_nan=False) + "\n"
-
-
-def _finite(thing: Any) -> Any:
-    if isinstance(thing, dict):
-        return {key: _finite(value) for key, value in thing.items()}
-    if isinstance(thing, list):
-        return [_finite(value) for value in thing]
-    return None if isinstance(thing, float) and not np.isfinite(thing) else thing
+    found = {"recordings": [preview_mapping(p) for p in previews]}
+    return json.dumps(json_ready(found), indent=2, allow_nan=False) + "\n"
 
 
 def _write(folder: str, previews: Sequence[Preview]) -> None:
