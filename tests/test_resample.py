@@ -1,12 +1,14 @@
 """Monte-Carlo and bootstrap of one case: the spread is what the standard errors say (resample.py)."""
 
 import dataclasses
+import pickle
+import tracemalloc
 
 import numpy as np
 import pytest
 from test_batch import EXAMPLE, tables_of
 
-from estimator.batches.batch import gather, repeated, run_batch
+from estimator.batches.batch import Digests, gather, repeated, run_batch
 from estimator.batches.case_worker import CaseWorker
 from estimator.batches.gauge import spreads
 from estimator.batches.resample import blocks, resampled
@@ -40,7 +42,7 @@ def test_new_recordings_have_the_fit_and_noise_of_the_old_deviation(kind, exampl
     first, second = resampled(task, estimate, kind=kind, count=2)
     again, _ = resampled(task, estimate, kind=kind, count=2)
     assert (first.name, second.name) == (f"cml050_step[{kind} 1]", f"cml050_step[{kind} 2]")
-    (recording,), (other,), (same,) = first.recordings, second.recordings, again.recordings
+    (recording,), (other,), (same,) = (t.drawn.recordings() for t in (first, second, again))
     (fit,) = estimate.comparisons
     for name in ("i", "w"):
         noise = recording.signals[name] - fit.simulated[name]
@@ -48,6 +50,18 @@ def test_new_recordings_have_the_fit_and_noise_of_the_old_deviation(kind, exampl
         assert np.array_equal(recording.signals[name], same.signals[name])
         assert not np.array_equal(recording.signals[name], other.signals[name])
     assert np.array_equal(recording.signals["v"], fit.inputs["v"])
+
+
+def test_a_thousand_repetitions_are_drawn_when_their_turn_comes(example):
+    tracemalloc.start()
+    try:
+        tasks = list(resampled(*example, kind="bootstrap", count=1000))
+        digests = {Digests().of(task) for task in tasks[:3]} | {Digests().of(pickle.loads(pickle.dumps(tasks[0])))}
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 5e6, "a recording has 90 kB"
+    assert len(digests) == 3
 
 
 def test_a_refused_estimate_has_nothing_to_repeat(example):
@@ -66,7 +80,7 @@ def test_a_missing_sample_stays_missing(example):
     holed = dataclasses.replace(estimate, comparisons=(dataclasses.replace(fit, measured=measured),))
     for kind in ("monte-carlo", "bootstrap"):
         (first, _) = resampled(task, holed, kind=kind, count=2)
-        assert np.flatnonzero(np.isnan(first.recordings[0].signals["i"])).tolist() == [5]
+        assert np.flatnonzero(np.isnan(first.drawn.recordings()[0].signals["i"])).tolist() == [5]
 
 
 @pytest.mark.parametrize(("count", "narrowest", "widest"), [(8, 0.15, 2.3), FULL])

@@ -159,6 +159,14 @@ def run_batch(
     with BatchFolder(folder, resume=resume) as place:
         digests = Digests()
         outcomes: dict[str, Outcome] = {task.name: without_files(outcome) for task, outcome in cases.unread}
+        verdicts = Counter(outcome.row["verdict"] for outcome in outcomes.values())
+        total, from_before = len(cases.tasks) + len(cases.unread), 0
+
+        def tell() -> None:
+            if progress is not None:
+                progress(BatchProgress(len(outcomes), total, from_before, dict(verdicts)))
+
+        tell()  # of many cases it takes a while to see what is done
         waiting, digest_of = [], {}
         for task in cases.tasks:
             digest_of[task.name] = digests.of(task)
@@ -167,12 +175,8 @@ def run_batch(
                 waiting.append(replace(task, checkpoint=(place.journal(task.name), digest_of[task.name])))
             else:
                 outcomes[task.name] = kept
-        total, from_before = len(cases.tasks) + len(cases.unread), len(outcomes) - len(cases.unread)
-        verdicts = Counter(outcome.row["verdict"] for outcome in outcomes.values())
-
-        def tell() -> None:
-            if progress is not None:
-                progress(BatchProgress(len(outcomes), total, from_before, dict(verdicts)))
+                verdicts[kept.row["verdict"]] += 1
+                from_before += 1
 
         try:
             tell()
@@ -248,10 +252,10 @@ class Digests:
             f"{f.name}={getattr(case, f.name)!r}" for f in fields(case) if f.name not in ("path", "fmu", "recordings")
         ]
         content = [self._file(Path(case.fmu)) if Path(case.fmu).is_absolute() else case.fmu]
-        content += [self._file(file) for file in case.recordings] if task.recordings is None else []
-        for recording in task.recordings or ():
-            arrays = [recording.time, *recording.signals.values()]
-            content.append(hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest())
+        if task.drawn is None:
+            content += [self._file(file) for file in case.recordings]
+        else:
+            content.append(task.drawn.digest)
         names = [file.name for file in case.recordings]
         return hashlib.sha256(repr((version(), said, names, content)).encode()).hexdigest()
 

@@ -27,6 +27,7 @@ from estimator.cases.nameplate import QUANTITIES, plate_checks, plate_values
 from estimator.errors import EstimatorError, InputError, SimulationError, is_build_error
 
 if TYPE_CHECKING:
+    from estimator.batches.resample import Drawn
     from estimator.estimating.checkpoint import Journal, JournalledWorkers
     from estimator.fmus.fmu import FmuDescription
     from estimator.recordings.recording import Recording
@@ -44,7 +45,7 @@ class Task:
     ----------
     name : unique in the batch
     report : write report.html and figure.png too, some 0.5 s
-    recordings : instead of the case's own, or None
+    drawn : what makes the recordings, instead of the case's own; or None
     checkpoint : where a long search is journalled, and the digest of what it depends on; or None
     fmu_path : what the result says of where the FMU is; None: where it is
     """
@@ -52,7 +53,7 @@ class Task:
     name: str
     case: Case
     report: bool = False
-    recordings: tuple[Recording, ...] | None = None
+    drawn: Drawn | None = None
     checkpoint: tuple[Path, str] | None = None
     fmu_path: str | None = None
 
@@ -143,7 +144,8 @@ class CaseWorker:
 
     def _estimated(self, task: Task) -> Outcome:
         with self._journal(task) as journal:
-            estimate = self.estimate(task.case, recordings=task.recordings, journal=journal)
+            recordings = None if task.drawn is None else task.drawn.recordings()
+            estimate = self.estimate(task.case, recordings=recordings, journal=journal)
         if task.fmu_path is not None:
             estimate = replace(estimate, fmu={**estimate.fmu, "path": task.fmu_path})
         started = time.monotonic()
@@ -187,6 +189,8 @@ def case_checks(case: Case, estimate: Estimate) -> tuple[Check, ...]:
 
 def row_of(task: Task, estimate: Estimate) -> dict[str, Any]:
     """Return what the table says of an estimate: no times, no host names, no absolute paths."""
+    from estimator.results.result_json import json_ready
+
     case = task.case
     voltage = case.nameplate.voltage if case.nameplate else None
     plate = plate_values(estimate, voltage=voltage) if case.nameplate else {}
@@ -204,8 +208,8 @@ def row_of(task: Task, estimate: Estimate) -> dict[str, Any]:
             }
             for name, p in estimate.parameters.items()
         },
-        "rmse": {name: _finite(value) for name, value in estimate.rmse.items()},
-        "fit_percent": {name: _finite(value) for name, value in estimate.fit_percent.items()},
+        "rmse": json_ready(estimate.rmse),
+        "fit_percent": json_ready(estimate.fit_percent),
         "nameplate": {
             name: {"value": p.value, "standard_error": p.standard_error, "unit": QUANTITIES[name][0]}
             for name, p in plate.items()
@@ -245,10 +249,6 @@ def failed(task: Task, reason: str, *, final: bool = False) -> Outcome:
 def _who(task: Task) -> dict[str, Any]:
     case = task.case
     return {"case": task.name, "motor": case.motor, "recordings": [file.name for file in case.recordings]}
-
-
-def _finite(value: float) -> float | None:
-    return value if abs(value) < float("inf") else None
 
 
 def main() -> None:

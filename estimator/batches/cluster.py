@@ -184,7 +184,7 @@ def _ship(client: Any, task: Task, files: dict[str, Any]) -> tuple[Task, list[tu
 
     fmu = str(shipped(Path(case.fmu), keep=True)) if os.path.isabs(case.fmu) else case.fmu
     recordings = case.recordings
-    if task.recordings is None:
+    if task.drawn is None:
         recordings = tuple(shipped(path, keep=False) for path in case.recordings)
     there = case.fmu if os.path.isabs(case.fmu) else None
     return replace(task, case=replace(case, fmu=fmu, recordings=recordings), checkpoint=None, fmu_path=there), contents

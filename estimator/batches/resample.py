@@ -7,8 +7,10 @@ spread of the estimates then checks the standard errors that each of them states
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -25,6 +27,50 @@ FloatArray = NDArray[np.float64]
 Kind = Literal["monte-carlo", "bootstrap"]
 
 
+@dataclass(frozen=True)
+class BestFit:
+    """What is drawn beside: a best fit, the noise of its outputs, and the inputs that its case names.
+
+    Attributes
+    ----------
+    noise : output name → deviation, SI
+    seed : the case's
+    """
+
+    comparisons: tuple[Comparison, ...]
+    noise: Mapping[str, float]
+    inputs: tuple[str, ...]
+    kind: Kind
+    seed: int
+
+    @cached_property
+    def digest(self) -> str:
+        """All that the recordings follow from, as one number."""
+        found = hashlib.sha256(repr((dict(self.noise), self.inputs, self.kind, self.seed)).encode())
+        for c in self.comparisons:
+            for array in (c.time, *c.inputs.values(), *c.measured.values(), *c.simulated.values()):
+                found.update(array.tobytes())
+        return found.hexdigest()
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """The k-th recordings of a best fit with other noise; made when they are asked for, thousands would not fit in."""
+
+    fit: BestFit
+    k: int
+
+    @property
+    def digest(self) -> str:
+        """What the recordings follow from, as one number."""
+        return f"{self.fit.digest} {self.k}"
+
+    def recordings(self) -> tuple[Recording, ...]:
+        """Draw them; each time the same."""
+        rng = np.random.default_rng([self.fit.seed, self.k])
+        return tuple(_again(c, self.fit, rng=rng) for c in self.fit.comparisons)
+
+
 def resampled(task: Task, estimate: Estimate, *, kind: Kind, count: int) -> Iterator[Task]:
     """Yield `count` tasks like this one, with recordings of the estimate's best fit and other noise.
 
@@ -38,11 +84,11 @@ def resampled(task: Task, estimate: Estimate, *, kind: Kind, count: int) -> Iter
     if not estimate.comparisons or not estimate.parameters:
         raise InputError(f"{task.name} has no fit to repeat: {'; '.join(estimate.reasons) or estimate.verdict}")
     case = _by_own_names(task.case, estimate)
+    own = tuple(replace(c, left_out={}, taken_out={}, fine=None) for c in estimate.comparisons)
+    fit = BestFit(own, estimate.noise, tuple(case.inputs), kind, case.search.seed)
     digits = len(str(count))
     for k in range(1, count + 1):
-        rng = np.random.default_rng([task.case.search.seed, k])
-        recordings = tuple(_again(c, estimate, case=case, kind=kind, rng=rng) for c in estimate.comparisons)
-        yield replace(task, name=f"{task.name}[{kind} {k:0{digits}}]", case=case, recordings=recordings)
+        yield replace(task, name=f"{task.name}[{kind} {k:0{digits}}]", case=case, drawn=Drawn(fit, k))
 
 
 def blocks(residuals: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -68,21 +114,19 @@ def _by_own_name(spec: OutputSpec, name: str) -> OutputSpec:
     return replace(spec, column=name, counts=None, filter=spec.filter or spec.both, both=None)
 
 
-def _again(
-    comparison: Comparison, estimate: Estimate, *, case: Case, kind: Kind, rng: np.random.Generator
-) -> Recording:
+def _again(comparison: Comparison, fit: BestFit, *, rng: np.random.Generator) -> Recording:
     names = list(comparison.measured)
     simulated = np.column_stack([comparison.simulated[name] for name in names])
     measured = np.column_stack([comparison.measured[name] for name in names])
     residuals = measured - simulated
     missing = np.isnan(measured)
-    if kind == "bootstrap":
+    if fit.kind == "bootstrap":
         noise = blocks(np.where(missing, 0.0, residuals - np.nanmean(residuals, axis=0)), rng)
     else:
-        deviations = [estimate.noise.get(n, float(np.nanstd(r))) for n, r in zip(names, residuals.T, strict=True)]
+        deviations = [fit.noise.get(n, float(np.nanstd(r))) for n, r in zip(names, residuals.T, strict=True)]
         noise = rng.standard_normal(simulated.shape) * deviations
     drawn = np.where(missing, np.nan, simulated + noise)
-    columns = {name: comparison.inputs[name] for name in case.inputs}
+    columns = {name: comparison.inputs[name] for name in fit.inputs}
     columns |= dict(zip(names, drawn.T, strict=True))
     headers = {f"{n} [{u}]" if (u := comparison.units.get(n)) else n: np.array(c) for n, c in columns.items()}
     return recording_from_arrays(comparison.name, np.array(comparison.time), headers)
