@@ -1,4 +1,4 @@
-"""Monte-Carlo and bootstrap of one case: the spread is what the standard errors say (resample.py)."""
+"""Monte-Carlo and bootstrap of one case: the spread is what the standard errors say (resample.py, drawn.py)."""
 
 import dataclasses
 import pickle
@@ -10,8 +10,9 @@ from test_batch import EXAMPLE, tables_of
 
 from estimator.batches.batch import Digests, gather, repeated, run_batch
 from estimator.batches.case_worker import CaseWorker
+from estimator.batches.drawn import blocks
 from estimator.batches.gauge import spreads
-from estimator.batches.resample import blocks, resampled
+from estimator.batches.resample import resampled
 from estimator.batches.worker_pool import run_here
 from estimator.cli import main
 from estimator.errors import InputError

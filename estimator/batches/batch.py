@@ -24,7 +24,7 @@ from estimator.recordings.read_as import ReadAs
 from estimator.version import version
 
 if TYPE_CHECKING:
-    from estimator.batches.resample import Kind
+    from estimator.batches.drawn import Kind
 
 CASE_SUFFIX = ".case.toml"
 Run = Callable[[Iterable[Task]], Iterator[tuple[Task, Outcome]]]  # tasks → outcomes, in any order

@@ -27,7 +27,7 @@ from estimator.cases.nameplate import QUANTITIES, plate_checks, plate_values
 from estimator.errors import EstimatorError, InputError, SimulationError, is_build_error
 
 if TYPE_CHECKING:
-    from estimator.batches.resample import Drawn
+    from estimator.batches.drawn import Drawn
     from estimator.estimating.checkpoint import Journal, JournalledWorkers
     from estimator.fmus.fmu import FmuDescription
     from estimator.recordings.recording import Recording

@@ -17,7 +17,7 @@ from estimator.estimating.progress import LiveLine, batch_line, is_live
 
 if TYPE_CHECKING:
     from estimator.batches.batch import Run
-    from estimator.batches.resample import Kind
+    from estimator.batches.drawn import Kind
 
 
 def batch(args: argparse.Namespace) -> int:
