@@ -18,6 +18,7 @@ from estimator.api_values import count, interval, listed, named_intervals, named
 from estimator.commands.options import reading, with_corrections, with_held_out, with_options, with_tolerances
 from estimator.errors import InputError, suggestion
 from estimator.estimating.progress import Progress
+from estimator.motor.winding import COLDEST, HOTTEST
 from estimator.recordings.files import recordings_in
 from estimator.results.result import FloatArray
 from estimator.results.shown_result import Result
@@ -192,7 +193,7 @@ def estimate_parameters(
         window=None if window is None else interval("window", window),
         scale=named_numbers("scale", scale),
         offset=named_numbers("offset", offset),
-        temperature=None if temperature is None else number("temperature", temperature, above=-273.15),
+        temperature=None if temperature is None else number("temperature", temperature, above=COLDEST, below=HOTTEST),
         read_as=said,
     )
     case = with_tolerances(case, tolerance)

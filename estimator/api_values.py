@@ -11,23 +11,24 @@ from typing import Any
 from estimator.errors import InputError, is_sized
 
 
-def number(name: str, value: Any, *, above: float = -math.inf) -> float:
-    """Return a finite number above another.
+def number(name: str, value: Any, *, above: float = -math.inf, below: float = math.inf) -> float:
+    """Return a finite number between two others.
 
     Raises
     ------
     InputError
         It is none; so of the other functions.
     """
-    if isinstance(value, bool) or not isinstance(value, numbers.Real) or not _is_above(value, above):
+    if isinstance(value, bool) or not isinstance(value, numbers.Real) or not _is_between(value, above, below):
         least = f" above {above:g}" if above > -math.inf else ""
-        raise InputError(f"{name}={value!r} is no finite number{least}")
+        most = f" and below {below:g}" if below < math.inf else ""
+        raise InputError(f"{name}={value!r} is no finite number{least}{most}")
     return float(value)
 
 
-def _is_above(value: numbers.Real, least: float) -> bool:
+def _is_between(value: numbers.Real, least: float, most: float) -> bool:
     try:
-        return float(value) > least and is_sized(float(value))
+        return least < float(value) < most and is_sized(float(value))
     except OverflowError:
         return False
 

@@ -472,7 +472,7 @@ RUNS = st.builds(
     scale=st.dictionaries(NAMES, FINITE, max_size=2),
     offset=st.dictionaries(NAMES, FINITE, max_size=2),
     delay=VALUES,
-    temperature=st.none() | st.integers(-2000, 5000).map(lambda tenths: tenths / 10),
+    temperature=st.none() | st.integers(-1999, 4999).map(lambda tenths: tenths / 10),
 )
 
 

@@ -676,7 +676,8 @@ def test_corrections_that_do_not_fit_are_told(wrong_way):
     [
         ("--window", "2", "'2' is not FROM:TO, such as 0.4:2.0"),
         ("--window", "2:1", "'2:1' ends before it begins; write 1:2"),
-        ("--temperature", "-300", "'-300' is below absolute zero; give degrees Celsius"),
+        ("--temperature", "-250", "'-250' is no temperature of a winding; give degrees Celsius, -200 to 500"),
+        ("--temperature", "1e140", "'1e140' is no temperature of a winding; give degrees Celsius, -200 to 500"),
         ("--save-case", "x.toml", "'x.toml': the name of a case file ends in .case.toml; rename it"),
     ],
 )

@@ -168,7 +168,7 @@ def test_a_parameter_at_a_bound_has_no_standard_error_to_limit():
 
 WRONG = {
     "unknown verdict": ('verdict = "okay"', r"line 4: expect\.verdict cannot be 'okay'; did you mean 'ok'\? \(ok, dou"),
-    "confidence 95": ("confidence = 95", r"line 4: expect\.confidence must be below 1, such as 0\.95, not 95$"),
+    "confidence 95": ("confidence = 95", r"line 4: expect\.confidence must be below 1, not 95$"),
     "no confidence": ("confidence = 0", r"line 4: expect\.confidence must be above 0, not 0$"),
     "refused and R": (
         'verdict = "refused"\nR = { value = 1 }',

@@ -167,7 +167,8 @@ WRONG = [
     ("i = 0.05", "i = -1"),
     ('R = "1 %"', 'R = "1"'),
     ("voltage = 12", "voltage = 0"),
-    ("temperature = 60", "temperature = -300"),
+    ("temperature = 60", "temperature = -250"),
+    ("temperature = 60", "temperature = 1e140"),
 ]
 
 

@@ -14,6 +14,7 @@ from estimator.cases import keys
 from estimator.cases.keys import Key, Keys, Value
 from estimator.cases.strict_toml import Table, number_in
 from estimator.locked import Locked
+from estimator.motor.winding import COLDEST, HOTTEST
 from estimator.recordings.filters import (
     FAMILIES,
     MAX_COEFFICIENTS,
@@ -207,7 +208,7 @@ RUN = Keys(
     scale=keys.named(keys.number("factor"), "channel = factor on its samples; -1 turns its sign"),
     offset=keys.named(keys.number("SI"), "channel = what is added to its samples after the factor"),
     delay=keys.value("of the outputs behind the inputs, s"),
-    temperature=keys.number("of the winding, degrees Celsius", above=-273.15),
+    temperature=keys.number("of the winding, degrees Celsius", above=COLDEST, below=HOTTEST),
     validate=keys.flag("held out of the fit, compared with it"),
     begin=keys.choice(
         BEGINS,

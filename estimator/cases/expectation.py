@@ -90,8 +90,6 @@ class Check:
 def read_limits(expect: Table) -> Limits:
     """Read what [expect] says of the estimate as a whole."""
     limits = Limits(**LIMITS.read(expect))
-    if limits.confidence is not None and limits.confidence >= 1:
-        expect.fail(("confidence",), f"expect.confidence must be below 1, such as 0.95, not {limits.confidence:g}")
     others = [key for key in expect.keys if key not in ("verdict", "confidence")]
     if limits.verdicts == ("refused",) and others:
         expect.fail((others[0],), f"an estimate that must be refused has no {others[0]}; leave one out")

@@ -83,10 +83,12 @@ class Keys(dict[str, Key]):
 
 
 def number(about: str, *, above: float | None = None, below: float | None = None) -> Key:
-    """Return the key of a finite number; `below` is for the schema, its reader checks it."""
+    """Return the key of a finite number between two limits."""
     limits = {"exclusiveMinimum": above, "exclusiveMaximum": below}
     kind = {"type": "number", **{k: v for k, v in limits.items() if v is not None}}
-    return Key(lambda table, key: table.number(key, above=above), {"anyOf": [kind, CELL], "description": about})
+    return Key(
+        lambda table, key: table.number(key, above=above, below=below), {"anyOf": [kind, CELL], "description": about}
+    )
 
 
 def whole(about: str, *, minimum: int, maximum: int | None = None) -> Key:

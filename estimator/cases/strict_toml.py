@@ -79,7 +79,7 @@ class Table:
         """Return what messages call a key: ``parameters.R.min``."""
         return f"{self.title}.{key}" if self.way else key
 
-    def number(self, key: str, *, above: float | None = None) -> float | None:
+    def number(self, key: str, *, above: float | None = None, below: float | None = None) -> float | None:
         """Return a number of a usual size, or None if the key is not there; true and false are no numbers."""
         value = _number_of(self.value.get(key))
         if value is None:
@@ -96,6 +96,8 @@ class Table:
             self.fail((key,), f"{self.full(key)} must be {SIZES}, not {number:g}")
         if above is not None and number <= above:
             self.fail((key,), f"{self.full(key)} must be above {above:g}, not {number:g}")
+        if below is not None and number >= below:
+            self.fail((key,), f"{self.full(key)} must be below {below:g}, not {number:g}")
         return number
 
     def required_number(self, key: str, *, above: float | None = None) -> float:

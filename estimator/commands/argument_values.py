@@ -95,8 +95,8 @@ def window(text: str) -> tuple[float, float]:
 def temperature(text: str) -> float:
     """Read a temperature in degrees Celsius."""
     value = _number(text, of=text)
-    if value <= -273.15:
-        raise argparse.ArgumentTypeError(f"{text!r} is below absolute zero; give degrees Celsius")
+    if not -200 < value < 500:  # as in winding.py
+        raise argparse.ArgumentTypeError(f"{text!r} is no temperature of a winding; give degrees Celsius, -200 to 500")
     return value
 
 

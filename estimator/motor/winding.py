@@ -10,6 +10,7 @@ FloatArray = NDArray[np.float64]
 NO_TRACE = 1e-4  # of a sampling interval: a winding whose time constant is less leaves no trace in any sample
 STEEPER = 10.0  # than its samples show a current may rise: between them, behind a filter
 COPPER, REFERENCE = 0.00393, 25.0  # 1/K, °C: as data sheets state a winding's resistance
+COLDEST, HOTTEST = -200.0, 500.0  # °C: beyond, no winding is on that line, which goes through zero at -229 °C
 
 
 def relative_resistance(temperature: float) -> float:
