@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from estimator.cases.case import Case, read_case
-from estimator.commands.sources import CASE_SUFFIX, expanded
+from estimator.cases.strict_toml import CASE_SUFFIX
+from estimator.commands.sources import expanded
 from estimator.errors import InputError
 from estimator.recordings.files import recordings_in
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs

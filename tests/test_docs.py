@@ -5,6 +5,7 @@ import importlib.util
 import json
 import posixpath
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -14,6 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from test_browser import BROWSER
+
+from estimator.commands.arguments import parse
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLE = ROOT / "examples" / "cml050_step.csv"
@@ -38,6 +41,19 @@ def test_the_examples_of_the_python_page_run(tmp_path, monkeypatch, capsys):
         exec(compile(block, "docs/api.md", "exec"), names)
     assert len(blocks) == 6 and "nowhere.csv" in capsys.readouterr().out
     assert {p.name for p in (tmp_path / "out").iterdir()} >= {"report.html", "motor_parameters.m"}
+
+
+def test_every_line_that_is_shown_is_one_of_the_command_line(tmp_path, monkeypatch, capsys):
+    """Read by the command line's parser, each with all its options; none is run."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run3").mkdir()
+    (tmp_path / "run3" / "result.json").touch()  # that a line starts from
+    pages = "\n".join(page.read_text() for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")))
+    lines = re.findall(r"^ *(?:\$ |\.venv/bin/)?fmu-estimator (.*?)(?:$| &&|  )", pages, re.M)
+    assert len(lines) > 40
+    for line in lines:
+        parse(shlex.split(line))  # else it leaves with status 2
+    assert capsys.readouterr().err == ""
 
 
 def test_every_page_is_in_the_navigation_and_every_link_leads_to_one():

@@ -288,6 +288,8 @@ def test_what_cannot_be_exported_is_told_in_one_sentence(tmp_path, capsys, conte
 
 
 def test_the_command_line_offers_the_formats_there_are():
+    from estimator.app import outcomes
     from estimator.commands.result_arguments import FORMATS
 
     assert FORMATS == handover_files.FORMATS
+    assert outcomes.FORMATS is handover_files.FORMATS

@@ -14,11 +14,11 @@ from estimator.app import program
 from estimator.app.place import RESULT, Place
 from estimator.app.series import Series, spectrum
 from estimator.errors import InputError
+from estimator.results.handover_files import FORMATS
 from estimator.results.panels import transient
 from estimator.results.result import Comparison
 from estimator.results.signals import SIGNALS_FILE, Signals, read_signals
 
-FORMATS = ("csv", "ssv", "ssp", "fmu", "matlab", "modelica", "state-space")  # as in handover_files.py
 SERVED = {
     RESULT: "application/json",
     "report.html": "text/html; charset=utf-8",

@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 from pathlib import Path, PurePosixPath
 
+from estimator.cases.strict_toml import CASE_SUFFIX
 from estimator.errors import InputError, is_text
 from estimator.recordings.suffixes import JSON, SUFFIXES, is_recording
 
-CASE_SUFFIX = ".case.toml"
 DRAFT = f"app{CASE_SUFFIX}"  # the case under way
 RESULT = "result.json"
 DEEPEST = 3  # folders below, in which files are listed

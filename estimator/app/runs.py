@@ -17,8 +17,9 @@ from collections.abc import Mapping
 from typing import IO, Any
 
 from estimator.app import program
-from estimator.app.place import CASE_SUFFIX, RESULT, Place
+from estimator.app.place import RESULT, Place
 from estimator.cases.case import Case
+from estimator.cases.strict_toml import CASE_SUFFIX
 from estimator.errors import InputError
 
 MOST_POINTS = 400  # of the history that the page draws

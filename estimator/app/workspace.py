@@ -24,10 +24,11 @@ from estimator.app.case_json import (
     with_recordings,
     with_search,
 )
-from estimator.app.place import CASE_SUFFIX, DRAFT, Place
+from estimator.app.place import DRAFT, Place
 from estimator.cases.case import Case, RunSpec, read_case
 from estimator.cases.init_case import case_text
 from estimator.cases.si_units import in_si_units
+from estimator.cases.strict_toml import CASE_SUFFIX
 from estimator.cases.written_case import write_case
 from estimator.errors import EstimatorError, InputError, suggestion
 from estimator.fmus.fmu import FmuDescription, describe, with_kind

@@ -18,6 +18,7 @@ from estimator.batches.batch_table import check_parquet, table_files
 from estimator.batches.case_worker import FAILED, Outcome, Task, failed
 from estimator.cases.case import Case, RunSpec, case_for_recording, read_cases
 from estimator.cases.expansion import told_apart
+from estimator.cases.strict_toml import CASE_SUFFIX
 from estimator.errors import CaseError, InputError, suggestion
 from estimator.recordings.files import motors_in
 from estimator.recordings.read_as import ReadAs
@@ -26,7 +27,6 @@ from estimator.version import version
 if TYPE_CHECKING:
     from estimator.batches.drawn import Kind
 
-CASE_SUFFIX = ".case.toml"
 Run = Callable[[Iterable[Task]], Iterator[tuple[Task, Outcome]]]  # tasks → outcomes, in any order
 
 

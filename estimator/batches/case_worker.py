@@ -44,7 +44,7 @@ class Task:
     Attributes
     ----------
     name : unique in the batch
-    report : write report.html and figure.png too, some 0.5 s
+    report : write report.html and figure.png too, some 0.1 s
     drawn : what makes the recordings, instead of the case's own; or None
     checkpoint : where a long search is journalled, and the digest of what it depends on; or None
     fmu_path : what the result says of where the FMU is; None: where it is

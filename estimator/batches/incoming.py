@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from estimator.batches.batch import CASE_SUFFIX
 from estimator.batches.case_worker import Task
 from estimator.cases.case import Case, case_for_recording, read_cases
+from estimator.cases.strict_toml import CASE_SUFFIX
 from estimator.errors import CaseError, InputError, is_text
 from estimator.recordings.suffixes import is_recording
 

@@ -18,6 +18,7 @@ from typing import Any, NoReturn
 
 from estimator.errors import SIZES, CaseError, is_sized, is_text, suggestion
 
+CASE_SUFFIX = ".case.toml"  # ends the name of every such file
 Way = tuple[str | int, ...]  # the way to a value: ("parameters", "R", "min"), ("recording", 0, "file")
 
 
@@ -211,9 +212,9 @@ class Document:
         try:
             data = path.read_bytes()
         except FileNotFoundError:
-            raise CaseError(f"there is no case file {path}; give the path of a .case.toml file") from None
+            raise CaseError(f"there is no case file {path}; give the path of a {CASE_SUFFIX} file") from None
         except IsADirectoryError:
-            raise CaseError(f"{path} is a folder; give a .case.toml file") from None
+            raise CaseError(f"{path} is a folder; give a {CASE_SUFFIX} file") from None
         except OSError as error:
             raise CaseError(f"{path} cannot be read ({error.strerror or error}); make it readable") from None
         try:
@@ -281,7 +282,8 @@ class Document:
         line = int(at[1]) if at else self.text.rstrip().count("\n") + 1
         if "overwrite" in words or "declare" in words or "twice" in words:
             words = f"{words}: is it given twice?"
-        remedy = "" if self.path.suffix.lower() == ".toml" else "; a case file is meant, whose name ends in .case.toml"
+        is_named = self.path.suffix.lower() == ".toml"
+        remedy = "" if is_named else f"; a case file is meant, whose name ends in {CASE_SUFFIX}"
         return f"{self.path.name} line {line} is not valid TOML: {words[:1].lower()}{words[1:]}{remedy}"
 
     def line(self, keys: Way) -> int | None:

@@ -7,7 +7,7 @@ import json
 import time
 from pathlib import Path
 
-from estimator.commands.sources import CASE_SUFFIX
+from estimator.cases.strict_toml import CASE_SUFFIX
 from estimator.commands.terminal import FAILED, OK, columns, complain, say, say_lines
 from estimator.errors import InputError
 from estimator.output import OutputFolder, check_not_read, write_files

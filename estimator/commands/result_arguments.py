@@ -59,7 +59,7 @@ where it stood when it is started again.""",
         help="with --watch: run it for every verdict, with the case as JSON on its stdin and 0 or 1, passed or not, in"
         " FMU_ESTIMATOR_STATUS",
     )
-    add("--report", action="store_true", help="write report.html and figure.png of every case too, some 0.5 s a case")
+    add("--report", action="store_true", help="write report.html and figure.png of every case too, some 0.1 s a case")
     add(
         "--report-of",
         metavar="CASE",

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from estimator.cases.strict_toml import CASE_SUFFIX
 from estimator.commands.terminal import PROGRAM
 from estimator.errors import InputError, is_text
 from estimator.recordings.suffixes import SUFFIXES
@@ -18,7 +19,6 @@ from estimator.recordings.suffixes import SUFFIXES
 if TYPE_CHECKING:
     from estimator.cases.case import Case
 
-CASE_SUFFIX = ".case.toml"
 STDIN = "-"
 RUN = "run.csv"
 

@@ -17,7 +17,7 @@ from estimator.results.handover import (
 )
 from estimator.results.result import Estimate
 
-FORMATS = ("csv", "ssv", "ssp", "fmu", "matlab", "modelica", "state-space")  # as in arguments.py
+FORMATS = ("csv", "ssv", "ssp", "fmu", "matlab", "modelica", "state-space")  # as in result_arguments.py
 RESULT = "result.json"
 
 
