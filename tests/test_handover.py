@@ -249,13 +249,31 @@ def test_export_writes_the_formats_that_are_asked_for(folder, tmp_path, capsys):
 
 
 def test_what_an_estimate_does_not_allow_is_left_out_with_its_reason(folder, capsys):
-    text = (folder / "result.json").read_text().replace('"K":', '"Kt":').replace('"path": "', '"path": "/nowhere')
+    text = (folder / "result.json").read_text().replace('"K":', '"Kt":', 1).replace('"path": "', '"path": "/nowhere')
     (folder / "result.json").write_text(text)
     assert main(["export", str(folder)]) == 0
     out = capsys.readouterr().out
     assert "Left out, ssp: the FMU is no longer at /nowhere" in out and "say with --fmu where it is" in out
     assert "Left out, fmu: " in out and "Left out, state-space: a linear motor model needs R, K, L, J and B" in out
     assert main(["export", str(folder), "--format", "ssp", "--fmu", "dc_motor"]) == 0
+
+
+def test_an_fmu_without_the_variables_that_were_estimated_is_not_taken(folder, capsys):
+    text = (folder / "result.json").read_text()
+    (folder / "result.json").write_text(re.sub(r'"variables": \{\s*"R"', '"variables": {"motor.Ra"', text))
+    assert main(["export", str(folder), "--fmu", "dc_motor", "--format", "ssp"]) == 2
+    assert "dc_motor.fmu has no parameter 'motor.Ra' (R, K, L, J, B)" in capsys.readouterr().err
+
+
+def test_where_the_fmu_says_no_units_it_is_told_what_a_motors_parts_are_taken_for(folder, capsys):
+    bare = found()
+    for name in ("L", "J"):
+        bare = with_parameter(bare, name, unit="")
+    (folder / "result.json").write_text(to_json(bare))
+    assert main(["export", str(folder), "--format", "modelica", "--format", "matlab", "--format", "state-space"]) == 0
+    told = "the FMU says no unit of L, J: matrices and parts of a motor are right if these are in SI"
+    assert told in capsys.readouterr().err
+    assert all(told in (folder / n).read_text() for n in ("modifier.mo", "motor_parameters.m", "state_space.json"))
 
 
 def test_a_doubtful_result_is_exported_with_a_warning(folder, capsys):

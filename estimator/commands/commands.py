@@ -109,12 +109,15 @@ def compare(args: argparse.Namespace) -> int:
 
 def export(args: argparse.Namespace) -> int:
     """Write an estimate's files for other tools."""
+    from estimator.results.handover import without_units
     from estimator.results.handover_files import handover_files, read_result
 
     source = Path(args.result)
     result = read_result(source)
     if result.verdict != "ok":
         complain(f"the estimate is {result.verdict}: {'; '.join(result.reasons)}")
+    if sentence := without_units(result):
+        complain(sentence)
     files, left_out = handover_files(result, formats=args.formats, fmu=args.fmu)
     with OutputFolder(args.output or (source if source.is_dir() else source.parent)) as folder:
         folder.write(files)

@@ -142,7 +142,7 @@ def state_space_json(estimate: Estimate) -> bytes:
     values = {name: p.value for name, p in estimate.parameters.items()}
     A, B, C, D = matrices(values)
     content: dict[str, Any] = {
-        "description": "dx/dt = A x + B u, y = C x + D u, SI units",
+        "description": "; ".join(filter(None, ("dx/dt = A x + B u, y = C x + D u, SI units", without_units(estimate)))),
         "inputs": INPUTS,
         "states": STATES,
         "outputs": STATES,
@@ -156,6 +156,14 @@ def state_space_json(estimate: Estimate) -> bytes:
         },
     }
     return (json.dumps(json_ready(content), indent=2, allow_nan=False) + "\n").encode()
+
+
+def without_units(estimate: Estimate) -> str:
+    """Return a sentence on a motor's parameters whose unit the FMU does not say; "" where there is none."""
+    bare = [name for name in MOTOR if name in estimate.parameters and not estimate.parameters[name].unit]
+    if not bare or not is_motor({name: p.value for name, p in estimate.parameters.items()}):
+        return ""
+    return f"the FMU says no unit of {', '.join(bare)}: matrices and parts of a motor are right if these are in SI"
 
 
 def _numbers(data: dict[str, Any]) -> dict[str, Any]:
@@ -209,7 +217,8 @@ def _parameter(name: str, entry: dict[str, Any], budget: Mapping[str, float] | N
 def _heading(estimate: Estimate) -> list[str]:
     fmu = estimate.fmu.get("name") or "an FMU"
     lines = [f"Parameters of {fmu}, estimated by fmu-estimator; verdict: {estimate.verdict}"]
-    return [" ".join(line.split()) for line in (*lines, *estimate.reasons)]
+    units = [sentence] if (sentence := without_units(estimate)) else []
+    return [" ".join(line.split()) for line in (*lines, *estimate.reasons, *units)]
 
 
 def _doubt(parameter: ParameterEstimate) -> str:

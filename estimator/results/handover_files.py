@@ -119,6 +119,9 @@ def _made(wanted: str, estimate: Estimate, fmu: str | None) -> tuple[str, bytes]
     if fmu is None and not Path(path).is_file():
         raise InputError(f"the FMU is no longer at {path}; say with --fmu where it is")
     description = describe(path)
+    for parameter in estimate.parameters.values():
+        for setting in parameter.set_in_fmu:
+            description.variable(setting.variable, role="parameter")  # another FMU has no such one
     if wanted == "ssp":
         from estimator.results.system import system_archive
 
