@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NoReturn
 from estimator.api_sources import SIGNALS, Source, case_of, recording_of_arrays
 from estimator.api_values import count, interval, listed, named_intervals, named_numbers, number
 from estimator.commands.options import reading, with_corrections, with_held_out, with_options, with_tolerances
+from estimator.commands.sources import expanded
 from estimator.errors import InputError, suggestion
 from estimator.estimating.progress import Progress
 from estimator.motor.winding import COLDEST, HOTTEST
@@ -115,7 +116,7 @@ def estimate_parameters(
         Parameters that are known, SI units.
     bounds : name → (lower, upper), optional
         SI units; typical of a small motor: R 0.1 to 50 Ohm, K 0.001 to 1 V.s/rad, L 1e-5 to 0.1 H.
-    validate : paths of recordings
+    validate : paths of recordings, or patterns
         Compared with, not fitted to.
     window : (from, to), optional
         s, of the recording's own time; only samples within are used.
@@ -197,10 +198,11 @@ def estimate_parameters(
         read_as=said,
     )
     case = with_tolerances(case, tolerance)
+    held_out = expanded([os.fspath(path) for path in listed(validate)])
     if recordings is None:
-        case = with_held_out(case, listed(validate), fitted=len(case.recordings))
+        case = with_held_out(case, held_out, fitted=len(case.recordings))
     else:  # read here, with as many tests as each file holds
-        found = [(path, r) for path in listed(validate) for r in recordings_in(Path(path), said)]
+        found = [(path, r) for path in held_out for r in recordings_in(Path(path), said)]
         case = with_held_out(case, [path for path, _ in found], fitted=len(recordings))
         recordings = [*recordings, *(r for _, r in found)]
     with kept_workers(available_cores() if workers is None else count("workers", workers, least=1)) as crew:

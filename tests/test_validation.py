@@ -1,6 +1,7 @@
 """An estimate against recordings that it has not seen."""
 
 import dataclasses
+import json
 from functools import cache
 from pathlib import Path
 
@@ -166,6 +167,16 @@ def test_the_command_tells_of_the_validation(other, capsys, tmp_path):
     assert "Validation, on recordings that were not used for the fit:\n  - i: RMSE 0.0" in capsys.readouterr().out
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Validation: recordings that were not used for the fit" in page and "two_steps: measured" in page
+
+
+def test_recordings_to_compare_with_may_be_a_pattern_and_come_once_each(other, tmp_path, capsys):
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).write_bytes(other.read_bytes())
+    assert main(["estimate", str(EXAMPLE), "--validate", f"{tmp_path}/[ab].csv", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["validation"]["recordings"] == ["a", "b"]
+    again = [str(tmp_path / "a.csv")] * 2
+    assert main(["estimate", str(EXAMPLE), "--validate", again[0], "--validate", again[1]]) == 2
+    assert f"{again[0]} is given twice; leave one out" in capsys.readouterr().err
 
 
 def test_a_recording_that_is_fitted_to_does_not_validate_the_fit(capsys):

@@ -130,7 +130,7 @@ Exit status: 0 an estimate, ok or doubtful; 1 refused or failed; 2 bad input."""
         "--validate",
         type=path,
         metavar="FILE",
-        help="a recording to compare with, not fitted to; --window does not apply to it; repeatable",
+        help="a recording, or a pattern, to compare with, not fitted to; --window does not apply to it; repeatable",
         **REPEATABLE,
     )
     add(

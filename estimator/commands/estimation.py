@@ -19,7 +19,7 @@ from estimator.commands.options import (
     with_options,
     with_tolerances,
 )
-from estimator.commands.sources import STDIN, case_of
+from estimator.commands.sources import STDIN, case_of, expanded
 from estimator.commands.terminal import complain, say
 from estimator.errors import InputError
 from estimator.estimating.progress import LiveLine, Progress, is_live
@@ -108,7 +108,7 @@ def _with_arguments(case: Case, args: argparse.Namespace) -> Case:
     )
     case = with_tolerances(case, args.tolerance)
     case = dataclasses.replace(case, about={**case.about, **unique(args.about, option="--about")})
-    return with_held_out(case, args.validate, fitted=len(case.recordings))
+    return with_held_out(case, expanded(args.validate), fitted=len(case.recordings))
 
 
 def estimated(
