@@ -62,6 +62,11 @@ def test_page_on_importers_lists_every_model_and_says_that_all_agree() -> None:
         assert set(row[3:]) <= {"same bits", "takes FMI 2.0 only"}, row
 
 
+def test_the_own_loop_integrates_model_exchange_to_what_co_simulation_gives(fmu: Path) -> None:
+    cells = {row[-1] for row in written_rows() if row[2] == "model exchange"}
+    assert cells == {importer_table.exchanged_here(fmu)} == {"agrees to 1e-06"}
+
+
 @pytest.mark.full
 def test_page_on_importers_is_what_its_command_prints() -> None:
     rows = importer_table.table(fmu_build.bundled_names())
