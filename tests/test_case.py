@@ -388,7 +388,7 @@ COMPLAINTS = {
     "syntax": ("[fmu]\npath = dc_motor\n", "line 2 is not valid TOML: invalid value"),
     "syntax at the end": (RECORDING + "[fmu", "line 3 is not valid TOML: "),
     "key twice": (RECORDING + "[search]\nseed = 1\nseed = 2\n", "line 5 is not valid TOML: cannot overwrite a value"),
-    "table twice": (RECORDING + "[fmu]\n[fmu]\n", "line 4 is not valid TOML: cannot declare"),
+    "table twice": (RECORDING + "[fmu]\n[fmu]\n", "line 4 is not valid TOML: cannot declare fmu twice"),
     "too deep": ("x = " + "[" * 100000, "is not valid TOML: "),
 }
 

@@ -280,7 +280,8 @@ class Document:
         words = re.sub(r"\s*\(at [^)]*\)$", "", str(error)) or "nested too deeply"
         at = re.search(r"\(at line (\d+), column \d+\)", str(error))
         line = int(at[1]) if at else self.text.rstrip().count("\n") + 1
-        if "overwrite" in words or "declare" in words or "twice" in words:
+        words = re.sub(r"\('.*',?\)", lambda key: ".".join(re.findall(r"'([^']*)'", key[0])), words)  # ('a', 'b')
+        if "overwrite" in words:
             words = f"{words}: is it given twice?"
         is_named = self.path.suffix.lower() == ".toml"
         remedy = "" if is_named else f"; a case file is meant, whose name ends in {CASE_SUFFIX}"
