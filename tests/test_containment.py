@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -24,9 +25,10 @@ from estimator.fmus import run_folder
 from estimator.fmus.fmu import describe
 from estimator.fmus.job import Job
 from estimator.fmus.probe import probe
-from estimator.fmus.run_folder import LOCK, PREFIX, RunFolder, remove_leftovers, try_lock
+from estimator.fmus.run_folder import PREFIX, RunFolder, remove_leftovers, try_lock
 from estimator.fmus.workers import Workers
 from estimator.stepping import layout
+from estimator.stepping.folder import LOCK, remove
 
 # In the middle of a simulation, only for candidates with a large L (value reference 4).
 MARK = 'for (size_t k = 0; k < n; k++) if (references[k] == 4) setenv("BAD", values[k] > 0.02 ? "1" : "0", 1);'
@@ -390,6 +392,25 @@ def test_the_folder_of_a_living_owner_is_left_alone():
         remove_leftovers()
         assert (mine.path / LOCK).exists()
     assert not mine.path.exists()
+
+
+def test_what_a_kill_leaves_of_a_removal_is_found_by_the_next_start(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    half, empty, young = (tmp_path / f"{PREFIX}{name}" for name in ("half", "empty", "young"))
+    for folder in (half / "fmu-1", half / "fmu-2", empty, young):
+        folder.mkdir(parents=True)
+    (half / LOCK).touch()
+    os.utime(empty, (0, 0))
+
+    def killed(path, **_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as context, pytest.raises(KeyboardInterrupt):
+        context.setattr(shutil, "rmtree", killed)
+        remove(half)
+    assert (half / LOCK).is_file()
+    remove_leftovers()
+    assert list(tmp_path.iterdir()) == [young]
 
 
 @pytest.mark.parametrize("holds", [False, True])

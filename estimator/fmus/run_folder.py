@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import contextlib
 import os
-import shutil
 import sys
 import tempfile
+import time
 from pathlib import Path
 from types import TracebackType
 from typing import IO
 
+from estimator.stepping.folder import LOCK, remove
+
 PREFIX = "fmu-estimator-"
-LOCK = "owner.lock"
+OLD = 60.0  # s: an empty folder without a lock is not being made any more
 
 
 class RunFolder:
@@ -34,7 +36,7 @@ class RunFolder:
     def close(self) -> None:
         """Remove the folder."""
         self._lock.close()
-        shutil.rmtree(self.path, ignore_errors=True)
+        remove(self.path)
 
     def __enter__(self) -> RunFolder:
         return self
@@ -56,14 +58,16 @@ def remove_leftovers() -> None:
         folder = Path(place, name)
         lock = folder / LOCK
         with contextlib.suppress(OSError):
-            if not lock.is_file():
-                continue  # its owner is just making it, or it is none of ours
+            if not lock.is_file():  # its owner is just making it, or was killed there, or it is none of ours
+                if time.time() - folder.stat().st_mtime > OLD:
+                    folder.rmdir()  # if it is empty
+                continue
             with open(lock, "r+") as file:
                 owned = not try_lock(file)
                 if not owned:  # removed while locked: so an owner that is just coming sees that it is gone
-                    shutil.rmtree(folder, ignore_errors=True)
+                    remove(folder)
             if not owned:  # on Windows an open file stays, and its folder
-                shutil.rmtree(folder, ignore_errors=True)
+                remove(folder)
 
 
 def try_lock(file: IO[str]) -> bool:

@@ -14,7 +14,6 @@ import mmap
 import os
 import queue
 import select
-import shutil
 import signal
 import sys
 import threading
@@ -25,6 +24,7 @@ from typing import IO, Any, NoReturn
 
 from estimator.stepping.descendants import MARK, adopt, end_all
 from estimator.stepping.fmu_instance import FmuInstance, stepper
+from estimator.stepping.folder import remove
 from estimator.stepping.layout import CRASHED, FINISHED, DescentLayout, ExperimentLayout, FitsLayout, JobLayout
 from estimator.stepping.reference import reference_trajectories
 from estimator.stepping.shared_memory import ENTRY, SharedMemory
@@ -298,7 +298,7 @@ def _listen(given: IO[str], orders: queue.SimpleQueue[dict[str, Any]], folder: P
 
 
 def _end_with_owner(folder: Path) -> NoReturn:
-    shutil.rmtree(folder, ignore_errors=True)
+    remove(folder)
     _end_group()
 
 
