@@ -155,12 +155,18 @@ def test_an_input_that_is_not_as_long_as_the_times_is_told(v, shape):
         estimator.InputError, match=re.escape(f"input 'v' has shape {shape}; it should be as long as times, (200,)")
     ):
         estimator.simulate_fmu("dc_motor", times=np.arange(200) * 1e-3, inputs={"v": v})
+    with pytest.raises(estimator.InputError, match="the input 'v': no array of numbers; give one float per sample"):
+        estimator.simulate_fmu("dc_motor", times=np.arange(200) * 1e-3, inputs={"v": ["12 V"] * 200})
 
 
 @pytest.mark.parametrize(
     ("times", "parameters", "sentence"),
     [
         ([], {}, "a simulation needs at least two times"),
+        (None, {}, "a simulation needs at least two times"),
+        ([[0, 1], [2, 3]], {}, "a simulation needs at least two times"),
+        (["a", "b"], {}, "times: no array of numbers; give one float per sample"),
+        ([0.0, np.nan, 0.2], {}, "the times of a simulation must increase in equal steps"),
         (np.arange(20) * 1e-3, {"R": "3"}, "R = '3' is no finite number"),
         (np.arange(20) * 1e-3, {"R": np.nan}, "R = nan is no finite number"),
         (np.arange(20) * 1e-3, {"R": -1.0}, "R = -1 is outside the range 1e-06 to 1e+06 that dc_motor.fmu allows"),

@@ -58,6 +58,7 @@ def simulate(
     SimulationError
         The FMU failed.
     """
+    times = _numbers("times", times)
     description = describe(fmu) if isinstance(fmu, str) else fmu
     check_usable(description)
     outputs = [v for v in description.of_causality("output") if v.is_real]
@@ -148,10 +149,17 @@ def _experiment(
 
 def _over(times: FloatArray, name: str, signal: FloatArray) -> FloatArray:
     """Return an input as an array, (n,), that has a value at each time."""
-    values = np.asarray(signal, dtype=float)
+    values = _numbers(f"the input {name!r}", signal)
     if values.shape != (len(times),):
         raise InputError(f"the input {name!r} has shape {values.shape}; it should be as long as times, ({len(times)},)")
     return values
+
+
+def _numbers(what: str, given: Any) -> FloatArray:
+    try:
+        return np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what}: no array of numbers; give one float per sample") from None
 
 
 def _own(variable: Variable, value: Any) -> Any:
@@ -160,9 +168,9 @@ def _own(variable: Variable, value: Any) -> Any:
 
 
 def _step(times: FloatArray) -> float:
-    if len(times) < 2:
+    if times.ndim != 1 or len(times) < 2:
         raise InputError("a simulation needs at least two times")
     step = float(times[-1] - times[0]) / (len(times) - 1)
-    if step <= 0 or float(np.max(np.abs(np.diff(times) - step))) > OFF_GRID * step:
+    if not step > 0 or not float(np.max(np.abs(np.diff(times) - step))) <= OFF_GRID * step:
         raise InputError("the times of a simulation must increase in equal steps")
     return round(step, 15)
