@@ -59,7 +59,7 @@ def test_an_error_ends_at_a_part_that_has_none_where_that_brings_what_is_missing
             assert (1 - chance) * (2 * normal_chance(np.array([half]))[0] - 1) == pytest.approx(CONFIDENCE)
 
 
-def explained(runs, columns, drifts, y, effect=Effect("drift")):
+def explained(runs, columns, drifts, y, small=0.0):
     """Return what a fit of white noise of variance 1 says of its parameters, and of a drift in each of some runs."""
     covariance = np.linalg.inv(columns.T @ columns)
     values, known = covariance @ columns.T @ y, Projection(columns)
@@ -74,7 +74,9 @@ def explained(runs, columns, drifts, y, effect=Effect("drift")):
     test, additions = ScoreTest(None, known, known.rest(y)), []
     for k in range(runs):
         scores = Scores.of(test, columns, known.rest(drifts[:, k : k + 1]), drifts[:, k : k + 1])
-        additions.append(Addition(effect, f"drift run{k}", 1, scores.gain, scores=scores, usual=1.0))
+        additions.append(
+            Addition(Effect("drift", small=small), f"drift run{k}", 1, scores.gain, scores=scores, usual=1.0)
+        )
     return averaged(Explanation(fit), additions, [], len(y), [], np.zeros(columns.shape[1])), values
 
 
@@ -120,10 +122,10 @@ def test_an_offset_that_is_far_smaller_than_usual_is_in_the_errors():
     n, usual = 400, 150.0
     columns, offset = np.column_stack([np.linspace(0.8, 1.2, n)]), np.ones((n, 1))
     for _ in range(1000):
-        y = columns[:, 0] + 0.1 * usual * rng.standard_normal() * (rng.uniform() < Effect("offset").prior) / np.sqrt(n)
+        y = columns[:, 0] + 0.1 * usual * rng.standard_normal() * (rng.uniform() < Effect("drift").prior) / np.sqrt(n)
         y += rng.standard_normal(n)
         for small in covered:
-            mean, values = explained(1, columns, usual / np.sqrt(n) * offset, y, Effect("offset", small=small))
+            mean, values = explained(1, columns, usual / np.sqrt(n) * offset, y, small)
             half = normal_quantile(0.5 + CONFIDENCE / 2) * np.sqrt(mean.covariance[0, 0])
             covered[small] += abs(values[0] - 1.0) < half
     assert covered[0.1] >= 924 > covered[0.0], covered

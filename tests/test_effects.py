@@ -621,8 +621,18 @@ def test_a_voltage_that_is_measured_has_risen():
 
     assert not VoltageRise().nuisances(plan(0.02))
     assert not VoltageRise().nuisances(plan(0.0, is_quiet=True)), "its noise has been taken out"
+    assert not VoltageRise().nuisances(plan(1e-4)), "levels show their own rise"
     plan = plan(0.0)
     assert [n.name for n in VoltageRise().nuisances(plan)] == ["voltage rise"]
+
+
+@pytest.mark.parametrize(("noise", "may_be"), [(0.0, True), (1e-3, True), (0.05, False)])
+def test_a_chirp_may_be_a_command_though_it_changes_in_every_row(noise, may_be):
+    times = H * np.arange(400)
+    v = 10 * np.sin(2 * np.pi * (2 + 40 * times) * times) + noise * np.random.default_rng(2).standard_normal(400)
+    observed = [Observed(SimpleNamespace(time=times), {"v": v}, {}, None, 0)]
+    plan = SimpleNamespace(binding=SimpleNamespace(is_motor=True), shortest_step=H, observed=observed)
+    assert observed[0].is_measured == (noise > 0) and bool(VoltageRise().nuisances(plan)) == may_be
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])

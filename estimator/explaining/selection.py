@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,6 +80,7 @@ MISSED = 1.1  # of z'z a sample: with more, noise is not all that is missed
 MUCH = 4.0  # likewise: with more the noise is hardly a part of it
 WORTH = 0.02  # of what its outputs miss then: what explains less makes up for another effect, that is not known
 COMPARED, DOUBLINGS = 2.0, 2  # of z'z: more rows between the samples change less, while rivals are compared; at most
+LEAST_LEFT = 0.05  # of a parameter that never vanishes, where a score test takes it below
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
 
 
@@ -386,7 +387,7 @@ class Selection:
         assert simulator is not None
         moved = moved_to(fit, simulator)
         begun = []
-        for start in addition.starts:
+        for start in (*addition.starts, *_with_others_moved(moved, addition)):
             values = simulator.at(moved.values, start)
             begun.append(dataclasses.replace(moved, values=values, free=(*moved.free, *addition.free)))
         settling = ROUGH if not addition.free else 1
@@ -420,6 +421,23 @@ class Selection:
             if wald(explanation.fit, addition) <= IDLE * penalty:
                 least = explanation.fit.cost + penalty
                 yield without(explanation, addition, limit=least)
+
+
+def _with_others_moved(fit: Fit, addition: Addition) -> list[Mapping[str, float]]:
+    """Return the start of the largest predicted fall with all else of a fit where its score test says that it goes.
+
+    Of what another FMU has: most of a motor's friction may be dry, and its viscous one a tenth of what stood for both.
+    """
+    if not (addition.effect.fmu and addition.usual > 0 and addition.scores is not None):
+        return []
+    start = addition.starts[0]
+    times = (start[addition.name] - fit.simulator.neutral.get(addition.name, 0.0)) / addition.usual
+    moves = times * addition.usual_scores.moves[: len(fit.free), 0]
+    there = {
+        name: fit.value(name) * max(1.0 - move, LEAST_LEFT) if is_log else fit.value(name) - move
+        for name, move, is_log in zip(fit.free, moves.tolist(), fit.is_log.tolist(), strict=False)
+    }
+    return [{**there, **start}]
 
 
 def of_same_channel(simulator: Simulator, best_few: Sequence[Addition], ranked: Sequence[Addition]) -> list[Addition]:

@@ -20,8 +20,9 @@ from estimator.fitting.simulator import Nuisance
 from estimator.motor.state_space import matrices
 from estimator.motor.winding import resistance_of
 from estimator.plans.part import LONG
-from estimator.plans.plan import Plan
+from estimator.plans.plan import Observed, Plan
 from estimator.recordings.signal_noise import input_noise
+from estimator.recordings.smooth_inputs import moves_smoothly
 
 NAME = "voltage rise"
 NOISY = 1e-3  # of the largest voltage: a noise that is more than a command's digits
@@ -43,20 +44,23 @@ def times_of_command(
     of_some : bool
         Whether it is enough that one of the recordings has a command.
     smooth : bool
-        Whether what changes in every row, without noise, may be a command too.
+        Whether what moves smoothly, without noise, may be a command too, such as a chirp.
     """
     if not plan.binding.is_motor or "v" not in plan.observed[0].inputs:
         return []
-    measured = [o.is_measured for o in plan.observed]
-    if smooth:
-        most = NOISY * plan.largest("v")
-        measured = [o.is_quiet or input_noise(o.inputs["v"]) > most for o in plan.observed]
+    measured = [o.is_measured and not (smooth and _may_be_a_command(o)) for o in plan.observed]
     if all(measured) if of_some else any(measured):
         return []
     step, times = plan.shortest_step, [o.recording.time for o in plan.observed]
     longest = LONGEST * max(float(t[-1] - t[0]) for t in times)
     short = sum(map(len, times)) <= LONG
     return [(max(longest, 2 * step), tuple(n * step for n in tried if n * step <= longest) if short else ())]
+
+
+def _may_be_a_command(o: Observed) -> bool:
+    """Whether a voltage that changes in every row goes on as it went, with no more noise than digits."""
+    v = o.inputs["v"]
+    return not o.is_quiet and input_noise(v) <= NOISY * float(np.max(np.abs(v))) and moves_smoothly(v)
 
 
 @dataclass(frozen=True)
