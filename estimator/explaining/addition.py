@@ -119,6 +119,7 @@ class Addition:
         Its usual size, where it is of one number; 0: none is known.
     again : bool
         Another recording has the same: what a bench does to one it is likely to do to the next.
+    parts : of what is added to several recordings at once, what is added to each
     untold : bool
         No such recording tells it, whatever rounding, or a voltage of nearly nothing, seems to show.
     """
@@ -137,6 +138,7 @@ class Addition:
     unit: str = ""
     again: bool = False
     untold: bool = False
+    parts: tuple[Addition, ...] = ()
 
     def penalty(self, samples: int) -> float:
         """Return its penalty in the criterion."""
@@ -191,6 +193,14 @@ class Addition:
             charge = float(np.linalg.slogdet(information)[1] if k > 1 else np.log(information[0, 0]))
         charge += 2 * math.log(self.tried / self.prior)
         return numbers, spread, charge - float(scores.along @ numbers)
+
+
+def together(parts: Sequence[Addition]) -> Addition:
+    """Return nuisance parameters of several recordings as one addition, from the start of each one's largest fall."""
+    start = {name: value for a in parts for name, value in a.starts[0].items()}
+    free = tuple(name for a in parts for name in a.free)
+    name, gain = f"{parts[0].effect.name} of each recording", sum(a.gain for a in parts)
+    return Addition(parts[0].effect, name, len(free), gain, starts=(start,), free=free, parts=tuple(parts))
 
 
 def without_columns(addition: Addition) -> Addition:

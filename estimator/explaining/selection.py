@@ -31,6 +31,7 @@ from estimator.explaining.addition import (
     is_needed,
     is_physical,
     is_timing,
+    together,
     wald,
     without_columns,
 )
@@ -63,7 +64,7 @@ from estimator.explaining.first_fit import NO_NOISE, FirstFit
 from estimator.fitting.effort import OF_ADDITIONS, Effort
 from estimator.fitting.fit import Fit, new_fit, set_aside
 from estimator.fitting.gauss_newton import ITERATIONS, ROUGH, solved, solved_roughly
-from estimator.fitting.simulator import Simulator
+from estimator.fitting.simulator import Simulator, per_recording
 from estimator.fitting.windows import find_windows
 
 FloatArray = NDArray[np.float64]
@@ -336,7 +337,8 @@ class Selection:
             return least if missed is None else max(least, WORTH * float(np.sum(missed[there])))
 
         while True:
-            tested = [a for a in self.tests.additions(explanation, effects) if a.name not in rejected]
+            tested = self.tests.additions(explanation, effects)
+            tested = [a for a in (*tested, *self._of_each_recording(tested)) if a.name not in rejected]
             ranked = sorted(tested, key=lambda a: excess * a.penalty(n) - a.gain)
             ranked = [a for a in ranked if a.gain > excess * a.penalty(n)]
             likely = [a for a in ranked if a.gain > worth(a)]
@@ -348,16 +350,29 @@ class Selection:
             found: list[tuple[float, Explanation]] = []
             for a in (*best_few, *of_same_channel(explanation.fit.simulator, best_few, likely), *late):
                 wanted = NEARLY_ALL * (explanation.fit.cost - n) if a in late else worth(a)
-                least_cost = explanation.fit.cost - max(excess * a.penalty(n), wanted)
-                with_it = self.added(explanation, a, limit=least_cost - max((fall for fall, _ in found), default=0.0))
-                if with_it.fit.cost < least_cost and is_physical(with_it.fit, a, before=explanation.fit):
-                    found.append((least_cost - with_it.fit.cost, with_it))
+                charged = explanation.fit.cost - excess * a.penalty(n)
+                limit = min(charged - max((fall for fall, _ in found), default=0.0), explanation.fit.cost - wanted)
+                with_it = self.added(explanation, a, limit=limit)
+                if with_it.fit.cost < limit and is_physical(with_it.fit, a, before=explanation.fit):
+                    parts = dataclasses.replace(with_it, additions=(*explanation.additions, *(a.parts or (a,))))
+                    found.append((charged - with_it.fit.cost, parts if a.parts else with_it))
             if found:
                 (fall, best), *others = sorted(found, key=lambda f: -f[0])
                 return [(fall, self._in_company(best, ranked, explanation) or best), *others]
             if not best_few:
                 return []
             rejected |= {a.name for a in best_few}
+
+    def _of_each_recording(self, tested: Sequence[Addition]) -> list[Addition]:
+        """Return nuisance parameters that every recording has, such as its delay, as one: each alone explains a part.
+
+        What a bench does to one recording it is likely to do to the others.
+        """
+        plan, kinds = self.tests.base.plan, dict[str, list[Addition]]()
+        for a in tested:
+            if a.linear is None and a.gain > 0 and a.name in per_recording(plan, a.effect.name):
+                kinds.setdefault(a.effect.name, []).append(a)
+        return [together(own) for own in kinds.values() if len(own) == len(plan.observed) > 1]
 
     def _in_company(self, found: Explanation, ranked: Sequence[Addition], before: Explanation) -> Explanation | None:
         """Return what was found with what ranks beside it of its effect in other samples; None where that is no better.
