@@ -334,7 +334,8 @@ class Selection:
 
         def worth(a: Addition) -> float:
             there = a.shows_in(explanation.fit.simulator)
-            return least if missed is None else max(least, WORTH * float(np.sum(missed[there])))
+            own = max(least, a.effect.share * (explanation.fit.cost - n))
+            return own if missed is None else max(own, WORTH * float(np.sum(missed[there])))
 
         while True:
             tested = self.tests.additions(explanation, effects)

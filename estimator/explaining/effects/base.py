@@ -53,6 +53,9 @@ class Effect:
         Delays, filters and the model do nearly what it does: it is told only where no explanation without it is near.
     small : float
         A part of its usual size that is as usual, where all sizes are: what is averaged over holds both.
+    share : float
+        Of what is missed beyond the noise it must explain more: beside another effect that is not known it would make
+        up for a part of that.
     sentence : str
         Reports it: a format of its name, the channel that this ends with, its value, and that in ms and percent.
     """
@@ -67,6 +70,7 @@ class Effect:
     lateness: float = 0.0
     is_last: bool = False
     small: float = 0.0
+    share: float = 0.0
     sentence: str = "{name} is estimated"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:

@@ -28,6 +28,7 @@ class GainByRange(Effect):
 
     name: str = "gain by range of i"
     prior: float = SELDOM
+    share: float = 0.5
     doubt: str = "the current sensor has another gain for large currents: check the scales of its ranges"
     sentence: str = "the gain of large currents differs by {percent:.3g} % from that of small ones"
 
