@@ -39,7 +39,7 @@ def recording(seed, *, fades=np.inf):
     )
 
 
-@pytest.mark.parametrize("fades", [0.3, 1.5])
+@pytest.mark.parametrize("fades", [0.3, pytest.param(1.5, marks=pytest.mark.full)])
 def test_what_fades_is_told_and_the_motor_is_right(fades):
     result = estimate_parameters(recording(1, fades=fades), workers=1, seed=1)
     assert any("AC-coupled" in note for note in result.notes)

@@ -186,8 +186,17 @@ def test_errors_that_runs_share_are_no_variation_between_them():
     assert only.probability == pytest.approx(chi2.sf(alike - one, 2), rel=1e-6)
 
 
-@pytest.mark.parametrize("noise", [(0.01, 0.3), (0.002, 0.03)])
-@pytest.mark.parametrize(("changed", "by"), [("J", 0.6), ("K", -0.08)])
+@pytest.mark.parametrize(
+    ("changed", "by", "noise"),
+    [
+        ("J", 0.6, (0.002, 0.03)),
+        ("K", -0.08, (0.01, 0.3)),
+        *(
+            pytest.param(*case, marks=pytest.mark.full)
+            for case in (("J", 0.6, (0.01, 0.3)), ("K", -0.08, (0.002, 0.03)))
+        ),
+    ],
+)
 def test_a_run_with_another_part_is_told_by_that_part_alone(changed, by, noise):
     """To first order a large change left a misfit, for which nine other effects were told in two minutes."""
     own = {"k": 0.05 * (1 + by)} if changed == "K" else {"inertia": 2e-5 * (1 + by)}

@@ -47,8 +47,15 @@ def check_same_path(results):
     assert fewer < steps
 
 
-@BOTH
-@pytest.mark.parametrize("method", ["paper", "original", "cuckoo"])
+@pytest.mark.parametrize(
+    ("method", "motor"),
+    [
+        pytest.param(method, motor, marks=() if (method == "paper") == (motor is CML050) else pytest.mark.full)
+        for method in ("paper", "original", "cuckoo")
+        for motor in (RMCS2004, CML050)
+    ],
+    ids=lambda x: x if isinstance(x, str) else x.name,
+)
 def test_the_path_of_the_search_is_the_same_with_and_without_bounds(monkeypatch, case_of, motor, method):
     check_same_path(paths(monkeypatch, case_of, motor, method, seeds=3, iterations=20, nests=30))
 

@@ -494,7 +494,7 @@ def parameters(draw: st.DrawFn) -> dict[str, ParameterSpec]:
     return specs
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_a_written_case_reads_back_the_same(data: st.DataObject, folder: Path) -> None:
     specs = data.draw(parameters())

@@ -43,7 +43,7 @@ def of_coarse_voltage(part, motor, times, voltage_step, *, sensors, steps_of_noi
     return estimate_parameters(time=times, v=np.round(voltage_step * v, 2), **shown, workers=1)  # as it is printed
 
 
-@pytest.mark.parametrize("part", [0.2, 0.3])
+@pytest.mark.parametrize("part", [0.3, pytest.param(0.2, marks=pytest.mark.full)])
 def test_a_voltage_between_two_values_of_a_converter_is_measured_and_known_less_than_their_mean_says(part):
     """Most samples are alike: it was taken for a command, and the noise for one (R and J 26 % wide, after a minute).
 

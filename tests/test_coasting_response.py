@@ -120,7 +120,7 @@ def test_an_output_that_is_late_shows_what_was_between_two_rows(late):
     np.testing.assert_allclose(shown[:, 1], x[at, 1], rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("third", [(), (("a step", [0.0, 7.0], 0.0),)])
+@pytest.mark.parametrize("third", [pytest.param((), marks=pytest.mark.full), (("a step", [0.0, 7.0], 0.0),)])
 def test_of_one_set_a_recording_may_coast_and_another_be_braked(third):
     """The bridge that opens at no voltage in one test shorts the motor in the next.
 

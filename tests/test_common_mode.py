@@ -23,8 +23,10 @@ def excitation(kind, rng):
     ("kind", "part"),
     [
         ("levels", 0.01),
-        ("chirp", 0.02),
-        *(pytest.param(*case, marks=pytest.mark.full) for case in (("levels", -0.003), ("chirp", -0.01))),
+        *(
+            pytest.param(*case, marks=pytest.mark.full)
+            for case in (("chirp", 0.02), ("levels", -0.003), ("chirp", -0.01))
+        ),
     ],
 )
 def test_what_follows_the_voltage_at_once_is_no_current_of_the_motor(kind, part):

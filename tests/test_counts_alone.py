@@ -34,7 +34,7 @@ def counted(angle, lines, *, phase=0.3, digits=4):
     return np.round(np.diff(counts, prepend=counts[0]) * 2 * np.pi / (lines * STEP), digits)
 
 
-@pytest.mark.parametrize("lines", [1024, 4096])
+@pytest.mark.parametrize("lines", [1024, pytest.param(4096, marks=pytest.mark.full)])
 @pytest.mark.parametrize("levels", LEVELS)
 def test_a_slow_motor_behind_counts_is_estimated_and_not_doubted(levels, lines):
     """The speed settles slowly: the errors of counts there are nearly periodic, and in transients they are not."""

@@ -69,7 +69,10 @@ def test_an_effect_is_found_and_the_parameters_are_right(effect, excitation):
     assert abs(found.value - size) < 5 * found.standard_error + 0.02 * size
 
 
-@pytest.mark.parametrize(("excitation", "n"), [("step", 4), ("two levels", 6), ("reversal", 3)])
+@pytest.mark.parametrize(
+    ("excitation", "n"),
+    [("two levels", 6), *(pytest.param(*c, marks=pytest.mark.full) for c in (("step", 4), ("reversal", 3)))],
+)
 def test_a_mean_of_the_last_samples_is_found(excitation, n):
     result = run(recording(excitation, i=lambda y: mean(y, n)))
     assert result.sensors["i"]["average"] == n and worst(result) < 4.5
@@ -81,11 +84,8 @@ def mean(y, n):
     return sum(np.concatenate([np.full(k * whole, y[0]), y[: len(y) - k * whole]]) for k in range(n)) / n
 
 
-BY_DEFAULT = [("lag", "step")]
-UNKNOWN = [pytest.param(*c, marks=() if c in BY_DEFAULT else pytest.mark.full) for c in CASES if c != UNTOLD]
-
-
-@pytest.mark.parametrize(("effect", "excitation"), UNKNOWN)
+@pytest.mark.full  # of a hum below
+@pytest.mark.parametrize(("effect", "excitation"), [c for c in CASES if c != UNTOLD])
 def test_an_effect_that_is_not_known_is_doubted_or_within_the_errors(effect, excitation, monkeypatch):
     bench, _, _, unknown = CHAIN[effect]
     monkeypatch.setenv("FMU_ESTIMATOR_WITHOUT", unknown)
@@ -107,7 +107,7 @@ def ripple(y, frequency=467.39, size=0.25):
     return y + size * (np.abs(y) > 0) * (2 * np.abs(2 * ((frequency * t) % 1) - 1) - 1)
 
 
-@pytest.mark.parametrize("excitation", ["step", "two levels"])
+@pytest.mark.parametrize("excitation", ["step", pytest.param("two levels", marks=pytest.mark.full)])
 def test_the_switching_of_the_driver_is_found_in_the_current_as_the_sampling_folds_it(excitation):
     result = run(recording(excitation, i=ripple))
     assert "switching ripple" in result.effects and worst(result) < 4.5, result.reasons
@@ -121,7 +121,7 @@ def hum(y, size=0.03, frequency=50.02):
     return y + size * np.cos(2 * np.pi * frequency * np.arange(len(y)) * H / 10 + 1.0)
 
 
-@pytest.mark.parametrize("excitation", ["step", "two levels"])
+@pytest.mark.parametrize("excitation", ["step", pytest.param("two levels", marks=pytest.mark.full)])
 def test_the_hum_of_the_mains_is_one_line_of_the_whole_recording(excitation):
     result = run(recording(excitation, i=hum))
     assert "hum" in result.effects and "switching ripple" not in result.effects, result.notes
@@ -234,7 +234,7 @@ def test_commutation_is_found_where_the_current_is_large_at_edges_only():
     assert worst(result) < 4.5 and result.verdict == "ok", result.reasons
 
 
-@pytest.mark.parametrize("excitation", ["two levels", "reversal"])
+@pytest.mark.parametrize("excitation", ["two levels", pytest.param("reversal", marks=pytest.mark.full)])
 def test_a_source_that_sags_by_the_current_is_told_from_the_winding(excitation):
     result = run(recording(excitation, source=0.3))
     told = (*result.effects, *(rival.what for rival in result.rivals))  # a voltage that dips explains nearly as much
@@ -260,6 +260,7 @@ def test_a_quantised_current_that_the_logger_holds_for_some_rows_is_not_taken_fo
     assert not {"delay of i", "lag of i", "average i"} & set(result.chain), result.chain.keys()
 
 
+@pytest.mark.full  # of an edge behind the first row, and of a delay from the first row on, above
 def test_each_edge_may_come_late_also_where_the_voltage_is_on_from_the_first_row():
     shift = round(30e-3 / (H / 10))  # the first edge reaches the motor 30 ms late, the second 9 ms
     time, _, current, speed = driven("late second level")
@@ -279,7 +280,7 @@ def test_a_speed_that_is_shown_for_several_rows_and_with_few_digits_is_a_few_sam
     assert worst(result) < 4.5 and "average" not in result.effects, (result.reasons, result.notes)
 
 
-@pytest.mark.parametrize("excitation", ["two levels", "reversal"])
+@pytest.mark.parametrize("excitation", ["reversal", pytest.param("two levels", marks=pytest.mark.full)])
 def test_a_voltage_that_is_logged_with_an_offset_is_told(excitation):
     """Where the current flows one way only, brushes that drop as much are the same."""
     recorded = recording(excitation)
@@ -322,7 +323,7 @@ def test_the_steps_of_a_coarse_converter_at_rest_are_no_outliers():
     assert not any("outlier" in note for note in result.notes), result.notes
 
 
-@pytest.mark.parametrize(("signal", "size"), [("speed", 40.0), ("current", -1.0)])
+@pytest.mark.parametrize(("signal", "size"), [("current", -1.0), pytest.param("speed", 40.0, marks=pytest.mark.full)])
 def test_a_single_sample_beyond_what_the_response_shows_near_it_is_an_outlier_after_an_edge_too(signal, size):
     recorded = recording("step")
     samples = recorded.signals[signal].copy()
@@ -333,6 +334,7 @@ def test_a_single_sample_beyond_what_the_response_shows_near_it_is_an_outlier_af
     assert result.verdict == "ok" and worst(result) < 4.5, result.reasons
 
 
+@pytest.mark.full
 def test_dry_friction_is_a_rival_although_the_current_is_zero_in_most_rows():
     long = np.zeros(9000)  # of a coarse converter the median is then 0
 
@@ -381,8 +383,8 @@ def test_a_motor_that_turns_before_its_voltage_is_not_taken_for_slow_sensors():
 def test_a_filter_acts_on_a_current_that_is_faster_than_the_rows_between_samples():
     values = {"R": 0.9, "K": 0.036, "L": 1.3e-4, "J": 2.8e-4, "B": 5.6e-5}
     R, K, L, J, B = values.values()
-    rng, h, fine, tau = np.random.default_rng(7), 1e-3, 100, 1.1e-3
-    v = np.repeat(np.concatenate([np.zeros(4), 12.0 * rng.integers(0, 2, 40)]), 40)
+    rng, h, fine, tau = np.random.default_rng(8), 1e-3, 100, 1.1e-3
+    v = np.repeat(np.concatenate([np.zeros(4), 12.0 * rng.integers(0, 2, 20)]), 30)
     whole = np.zeros((4, 4))  # current, speed, what the filter shows, voltage
     whole[0], whole[1, :2] = [-R / L, -K / L, 0, 1 / L], [K / J, -B / J]
     whole[2, [0, 2]] = 1 / tau, -1 / tau
@@ -657,7 +659,8 @@ def test_friction_that_falls_while_the_motor_gathers_speed_is_found():
     assert worst(result) < 4.5 and told, (result.effects, worst(result))
 
 
-@pytest.mark.parametrize("seed", [1018143, pytest.param(1018399, marks=pytest.mark.full)])
+@pytest.mark.full  # that it is found: above
+@pytest.mark.parametrize("seed", [1018143, 1018399])
 def test_friction_that_falls_is_in_the_error_of_b_though_it_hardly_shows(seed, tmp_path):
     """B was 4.5 and 4.7 standard errors off: only a friction that is gone at the first movement was known."""
     result, true = of_random_bench(seed, tmp_path)
@@ -695,7 +698,7 @@ def test_one_delay_is_tried_in_place_of_a_delay_of_one_channel_and_a_lag_of_the_
     assert abs(found.value - true["L", -1]) < 4 * found.standard_error
 
 
-# Two lags for a lag and a delay: L 10 standard errors off. A lag for a delay: R 4.0. Both were called right.
+@pytest.mark.full  # of one at a kink of a limit below
 def test_both_inductances_that_explain_few_samples_are_in_the_errors(tmp_path):
     """Beside a current limit L / R of 0.2 and of 0.7 samples differ by 0.4 of z'z: L was 24 standard errors off, ok."""
     result, true = of_random_bench(1022022, tmp_path, "machine")
@@ -740,6 +743,7 @@ def test_what_comes_as_late_by_other_filters_is_in_the_errors(seed, name, most, 
     assert most <= 4 or result.verdict == "doubtful"
 
 
+@pytest.mark.full  # of other rivals above
 def test_dry_friction_is_a_rival_of_a_filter_whatever_else_is_late_by_as_much(tmp_path):
     """Other filters took all places of those that are refitted: B 116 standard errors off, and called right."""
     result, true = of_random_bench(1012001, tmp_path)
@@ -766,6 +770,7 @@ def test_the_noise_of_a_logged_voltage_tells_no_inductance(tmp_path):
     assert abs(found.value - true["L", -1]) < 4 * found.standard_error and found.standard_error > 3e-5
 
 
+@pytest.mark.full
 def test_what_a_noisy_voltage_behind_a_source_does_between_two_rows_tells_no_inductance(tmp_path):
     """It falls while the current rises, in a quarter of a sample: L was 14 standard errors off, and called right."""
     result, true = of_random_bench(1019694, tmp_path)
@@ -785,7 +790,7 @@ def test_what_levels_of_a_noisy_voltage_are_is_known_to_their_noise(tmp_path):
         assert abs(found.value - true[name, -1]) < 4 * found.standard_error, name
 
 
-@pytest.mark.parametrize("long", [100, 20_000])
+@pytest.mark.parametrize("long", [100, pytest.param(20_000, marks=pytest.mark.full)])
 def test_levels_of_a_long_recording_take_no_memory_for_their_errors(long, monkeypatch, tmp_path):
     told = []
     monkeypatch.setattr(voltage_noise, "LONG", long)
@@ -834,6 +839,7 @@ def test_a_filter_that_cannot_be_simulated_finely_enough_is_a_doubt(tmp_path, mo
     assert result.verdict == "doubtful" and any("between two samples" in r for r in result.reasons), result.reasons
 
 
+@pytest.mark.full  # of one that may wander above
 def test_friction_that_wanders_is_in_the_error_of_b_where_the_speed_changes_faster(tmp_path):
     """Between changes of the speed a torque beside the friction was told from B, to 5e-6: 10 standard errors off."""
     result, true = of_random_bench(1010058, tmp_path)
@@ -842,6 +848,7 @@ def test_friction_that_wanders_is_in_the_error_of_b_where_the_speed_changes_fast
     assert abs(found.value - true["B", -1]) < 5 * found.standard_error and found.standard_error > 1e-5
 
 
+@pytest.mark.full
 def test_no_winding_cools_while_it_is_recorded(tmp_path):
     """A drop that is smaller at small currents was told as a full one and R that falls: K 6 standard errors off."""
     result, true = of_random_bench(1010100, tmp_path)

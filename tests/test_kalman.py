@@ -100,7 +100,7 @@ def test_gains_that_are_kept_once_they_have_converged_are_right_to_the_end_and_a
     check(variance, steps=steps, **model(rng, d=3, q=2, kinds=2))
 
 
-@pytest.mark.parametrize("slow", [1e-3, 1e-5, 0.0])
+@pytest.mark.parametrize("slow", [1e-5, *(pytest.param(x, marks=pytest.mark.full) for x in (1e-3, 0.0))])
 def test_slow_convergence_is_not_taken_for_the_steady_state(slow):
     n = 500  # of a random walk that moves little: gains fall as 1/row for 30, 300, all rows
     variance = np.ones((n, 1))

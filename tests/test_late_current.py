@@ -37,6 +37,7 @@ def test_all_of_the_noise_of_a_logged_voltage_is_told_where_it_acts_between_rows
     assert off(result).max() < 4.5, (result.parameters, MOTOR)
 
 
+@pytest.mark.full
 def test_changes_that_come_faster_than_the_current_settles_tell_no_delays_of_their_own():
     """Of levels that last 26 to 59 ms behind one delay of 18.6 ms each was told its own, 0 to 18 ms."""
     lengths = [100, 31, 36, 35, 26, 57, 27, 42, 28, 31, 59, 150]

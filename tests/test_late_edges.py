@@ -16,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("shared_workers")
 CASE = Case(inputs={"v": "voltage"}, outputs={"w": OutputSpec("speed")})
 R, K, J, B = 2.0, 0.05, 2e-5, 1e-5
 LEVELS = (0.0, 3.0, 0.0, 6.0, 0.0, 9.0, 0.0, 12.0, 0.0)
-H, HELD = 1e-3, 1000
+H, HELD = 1e-3, 600
 
 
 def speed_of(late, seed, coasts=False, friction=0.0):

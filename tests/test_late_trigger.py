@@ -56,7 +56,7 @@ def test_two_levels_whose_trigger_came_late_tell_all_five():
     assert off(result).max() < 4.5, result.parameters
 
 
-@pytest.mark.parametrize("late", [LATE, 100])
+@pytest.mark.parametrize("late", [LATE, pytest.param(100, marks=pytest.mark.full)])
 def test_the_rest_of_a_recording_beside_its_beginning_is_read_as_it_runs(late):
     """Of a clock that starts again: a file in two parts took three minutes, from a motor that was 1/6 as heavy."""
     command = np.repeat([0.0, 4.0, 9.0], [50, 300, 300])

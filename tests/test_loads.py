@@ -82,7 +82,11 @@ def off(result, name):
 
 @pytest.mark.parametrize(
     ("voltage", "instant", "part"),
-    [(STEP, 0.8034, 0.1), (LEVELS, 0.9002, 0.03), (RANDOM, 0.7777, -0.1)],
+    [
+        (STEP, 0.8034, 0.1),
+        pytest.param(LEVELS, 0.9002, 0.03, marks=pytest.mark.full),
+        (RANDOM, 0.7777, -0.1),
+    ],
     ids=["step", "levels", "random"],
 )
 def test_a_load_that_sets_in_is_told_with_its_instant_and_leaves_the_parameters_right(voltage, instant, part):
@@ -112,7 +116,11 @@ def test_without_the_effect_a_load_that_sets_in_is_doubted(monkeypatch):
     assert all(abs(off(result, name)) < 4.5 for name in MOTOR)
 
 
-@pytest.mark.parametrize("voltage", [STEP, LEVELS, RANDOM], ids=["step", "levels", "random"])
+@pytest.mark.parametrize(
+    "voltage",
+    [STEP, *(pytest.param(v, marks=pytest.mark.full) for v in (LEVELS, RANDOM))],
+    ids=["step", "levels", "random"],
+)
 def test_no_load_is_told_where_there_is_none(voltage):
     result = estimate_parameters(loaded(voltage, np.zeros(ROWS * FINE), 4), workers=1)
     assert result.verdict == "ok" and not any("load" in name for name in result.chain)
@@ -135,7 +143,8 @@ def test_without_the_effect_a_weight_is_doubted_or_within_the_errors(monkeypatch
     assert result.verdict == "doubtful" or all(abs(off(result, name)) < 4.5 for name in MOTOR)
 
 
-@pytest.mark.parametrize("shown", [pytest.param("angle [rad]", marks=pytest.mark.full), "speed [rad/s]"])
+@pytest.mark.full  # a fan by a speed is asked in test_odd_motors.py
+@pytest.mark.parametrize("shown", ["angle [rad]", "speed [rad/s]"])
 def test_a_strong_fan_is_told_by_an_angle_as_by_a_speed(shown):
     r, k, inductance, j, b = MOTOR.values()
     fan, rng = 3 * b / 300, np.random.default_rng(6)

@@ -28,7 +28,7 @@ def test_a_stiff_motor_is_integrated_over_steps_that_are_a_million_times_its_fas
     assert apart("dc_motor", parameters=stiff, inputs={"v": np.where(times > 0.05, 10.0, 0.0)}, times=times) < 1e-8
 
 
-@pytest.mark.parametrize("L", [1e-2, 1e-7])
+@pytest.mark.parametrize("L", [1e-7, pytest.param(1e-2, marks=pytest.mark.full)])
 def test_a_voltage_that_jumps_at_every_sample_is_followed_to_1e_7(L):
     times = 1e-3 * np.arange(400)
     jumps = np.random.default_rng(1).uniform(-10, 10, len(times))
@@ -60,7 +60,7 @@ def job_of(fmu, samples, rng):
     )
 
 
-@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("version", [2, pytest.param(1, marks=pytest.mark.full)])
 def test_a_simulation_gives_the_same_bits_whatever_was_simulated_before(tmp_path, version):
     fmu = foreign_fmu(tmp_path, version=version, kinds=("model-exchange",))
     values = np.linspace(0.5, 5.0, 24).reshape(-1, 1, 1)
@@ -75,7 +75,7 @@ def test_a_simulation_gives_the_same_bits_whatever_was_simulated_before(tmp_path
     assert np.array_equal(costs[0][order], costs[1]) and np.array_equal(costs[0], costs[2])
 
 
-@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("version", [2, pytest.param(1, marks=pytest.mark.full)])
 def test_model_exchange_takes_less_than_a_tenth_of_what_simulate_fmu_takes(tmp_path, version):
     """Some hundredth, in truth; fmpy at its usual tolerance of 1e-5, here 1e-10."""
     fmu = foreign_fmu(tmp_path, version=version, kinds=("model-exchange",))

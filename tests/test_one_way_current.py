@@ -36,7 +36,10 @@ def is_right(found, motor):
 
 @pytest.mark.parametrize(
     ("motor", "levels"),
-    [(TRUE, (0, 10, 4)), pytest.param(TRUE, (0, 5, 10, 3), marks=pytest.mark.full), (SLOW, (0, 4, 10, 5, 0))],
+    [
+        (TRUE, (0, 10, 4)),
+        *(pytest.param(*case, marks=pytest.mark.full) for case in ((TRUE, (0, 5, 10, 3)), (SLOW, (0, 4, 10, 5, 0)))),
+    ],
 )
 def test_a_current_that_never_flows_back_is_found_and_harmless(motor, levels):
     found = estimated(motor, levels, one_way=1.0)
@@ -57,5 +60,5 @@ def test_a_current_that_never_flows_back_is_doubted_where_that_is_not_known(monk
 
 
 def test_a_bridge_brakes_and_an_open_circuit_is_open_at_once():
-    assert estimated(TRUE, (0, 10, 4)).effects == ()
+    assert estimated(TRUE, (0, 10, 4), rows=200).effects == ()
     assert set(estimated(TRUE, (0, 10, 0), coasts=1.0).effects) == {"coasting"}

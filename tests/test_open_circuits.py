@@ -42,7 +42,7 @@ def observed(v, i, w):
     return SimpleNamespace(inputs={"v": v}, outputs={"i": i, "w": w})
 
 
-@pytest.mark.parametrize("offset", [0.0, 0.05])
+@pytest.mark.parametrize("offset", [0.05, pytest.param(0.0, marks=pytest.mark.full)])
 def test_rows_without_a_current_whose_voltage_follows_the_speed_are_open(offset):
     found = open_rows(observed(*bench(0, offset=offset)))
     assert found[OPENS:].all() and not found[: OPENS - 1].any()
@@ -98,6 +98,7 @@ def test_a_current_that_settled_below_its_noise_long_before_has_opened_nothing_t
     assert found[OPENS:].all() and not found[: OPENS - 1].any()
 
 
+@pytest.mark.full  # of a motor that is braked or runs at no load above
 def test_a_current_loop_that_wants_none_opens_no_circuit():
     """What it lets flow by the noise of its sensor was lost, and five effects made up for it."""
     rng = np.random.default_rng(8)
@@ -129,8 +130,10 @@ def test_one_current_that_is_off_neither_opens_a_circuit_nor_closes_it():
     assert found[OPENS:].all() and not found[: OPENS - 1].any()
 
 
-# Of the second the voltage's noise seemed 1.4 times the sensor's; of the third a dip made up for the kick.
-@pytest.mark.parametrize(("seed", "kick"), [(3, 0.0), (4, 0.0), (3, -20.0)])
+# Of the first a dip made up for the kick; of the third the voltage's noise seemed 1.4 times the sensor's.
+@pytest.mark.parametrize(
+    ("seed", "kick"), [(3, -20.0), *(pytest.param(k, 0.0, marks=pytest.mark.full) for k in (3, 4))]
+)
 def test_a_motor_that_is_let_go_of_is_estimated_and_said_to_be(seed, kick):
     v, i, w = bench(seed, kick=kick)
     columns = {"voltage [V]": v, "current [A]": i, "speed [rad/s]": w}
@@ -186,6 +189,7 @@ def test_a_torque_that_wanders_is_whitened_with_the_circuit_closed_and_open():
     assert abs(ratios[0] - 1) < 5 * np.sqrt(2 / (2 * n)) and ratios[1] > 1.05, ratios
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("late", [0, 1])
 def test_a_current_that_ends_before_or_after_the_sample_of_its_row_leads_to_no_other_story(late):
     """One sample, of full current or of none, was explained by a fan and friction that drifts: B was lost."""

@@ -35,7 +35,7 @@ def cost_held_at(inductance, measured, start):
     return 2 * least_squares(residual, np.zeros(4), x_scale=1e-3).cost
 
 
-@pytest.mark.parametrize("seed", [1, 13])
+@pytest.mark.parametrize("seed", [1, pytest.param(13, marks=pytest.mark.full)])
 def test_a_bar_reaches_as_far_as_the_cost_lets_it(seed):
     measured = response(TRUE.values()) + NOISE * np.random.default_rng(seed).standard_normal((ROWS, 2))
     columns = {"voltage [V]": V, "current [A]": measured[:, 0], "speed [rad/s]": measured[:, 1]}
@@ -49,7 +49,7 @@ def test_a_bar_reaches_as_far_as_the_cost_lets_it(seed):
     assert found["L"].standard_error < found["L"].value, "nor from zero"
 
 
-@pytest.mark.parametrize("seed", [0, 4])
+@pytest.mark.parametrize("seed", [0, pytest.param(4, marks=pytest.mark.full)])
 def test_a_bar_is_no_kink_beyond_which_the_cost_stays_as_it_is(seed):
     """A limit hides the current's rise: it is reached within a sample, whatever L is below a sampling interval."""
     true = {"R": 0.854, "K": 0.01604, "L": 1.86e-4, "J": 1.32e-5, "B": 1.9e-5}

@@ -803,7 +803,7 @@ NAMES = st.one_of(
 )
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), n=st.integers(10, 60), step=st.integers(1, 99999), start=st.integers(-5000, 5000))
 def test_a_written_recording_reads_back_to_the_bit(
     data: st.DataObject, n: int, step: int, start: int, tmp_path: Path

@@ -30,7 +30,7 @@ def limited(command, rate, late=0):
 
 
 @pytest.mark.parametrize(
-    ("ms", "late"), [(4.7, 35), *(pytest.param(ms, 0, marks=pytest.mark.full) for ms in (4.7, 13.0))]
+    ("ms", "late"), [(4.7, 0), *(pytest.param(*case, marks=pytest.mark.full) for case in ((4.7, 35), (13.0, 0)))]
 )
 def test_changes_that_take_as_long_as_they_are_large_are_told_and_the_motor_is_right(ms, late):
     """By one time for all of them, and what made up for it, R, K, J and B were not told at all."""
@@ -116,6 +116,7 @@ def test_its_part_is_as_late_as_its_channel_also_where_the_circuit_opens_and_whe
     np.testing.assert_allclose(both[len(command) :], slower, atol=1e-9 * np.abs(slower).max())
 
 
+@pytest.mark.full  # a limit is told above
 def test_changes_that_come_later_the_larger_they_are_are_no_latencies_of_their_own():
     """They were moved before any fit, each by its own: saturation and brushes were told, R 6 % off, in two minutes."""
     command = np.repeat([0.0, 9.0, 4.0, 8.0, 1.0, 6.0, -4.0], [100, *6 * [200]])

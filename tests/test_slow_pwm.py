@@ -22,7 +22,10 @@ def recorded(frequency, seed, *, phase=0.3, line=0.0):
     return bench(LEVELS, voltage, seed, more=hum)
 
 
-@pytest.mark.parametrize(("frequency", "seed"), [(61.7, 0), pytest.param(237.3, 1, marks=pytest.mark.full)])
+@pytest.mark.parametrize(
+    ("frequency", "seed"),
+    [(120.3, 0), *(pytest.param(*case, marks=pytest.mark.full) for case in ((61.7, 0), (237.3, 1)))],
+)
 def test_pulses_are_found_and_the_motor_is_right(frequency, seed):
     """The lines in the current alone left those of the speed and of every transient: the resistance was lost."""
     result = estimate_parameters(recorded(frequency, seed), workers=1)

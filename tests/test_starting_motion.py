@@ -69,7 +69,8 @@ def turning(first, rows, voltage):
 
 
 @pytest.mark.parametrize(
-    ("first", "rows"), [(FIRST, 200), (-120.0, 30), pytest.param(90.0, 30, marks=pytest.mark.full)]
+    ("first", "rows"),
+    [(-120.0, 30), *(pytest.param(*case, marks=pytest.mark.full) for case in ((FIRST, 200), (90.0, 30)))],
 )
 def test_a_motor_whose_circuit_is_open_coasts_before_its_voltage(first, rows, case_of):
     """Behind one level of the voltage an offset of the speed explains it as well, by another motor: half of it, ok."""
@@ -99,7 +100,7 @@ def test_a_recording_at_rest_whose_sensor_has_an_offset_does_not_move_twice(case
     assert worst(found, CML050.parameters) < 4.5
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize("noise", [0.01, pytest.param(0.0, marks=pytest.mark.full)])
 def test_a_motor_that_turns_before_a_noisy_voltage_is_told_to(noise, case_of):
     """The noise of the first row, 9 mV, was taken for the voltage at which the motor runs: R was known to 45 %."""
     rng = np.random.default_rng(1)

@@ -35,7 +35,9 @@ def test_without_the_effect_it_is_doubted(monkeypatch):
     assert result.verdict != "ok"
 
 
-@pytest.mark.parametrize("command", [LEVELS, BOTH_WAYS], ids=["levels", "both ways"])
+@pytest.mark.parametrize(
+    "command", [LEVELS, pytest.param(BOTH_WAYS, marks=pytest.mark.full)], ids=["levels", "both ways"]
+)
 def test_a_drive_that_gives_what_it_is_asked_for_has_none(command):
     result = estimate_parameters(bench(command, np.repeat(command, FINE), 2), workers=1)
     assert result.verdict == "ok" and "supply limit" not in result.effects, (result.effects, result.reasons)

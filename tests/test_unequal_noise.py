@@ -26,7 +26,7 @@ def recorded(seed, times=1.0, levels=LEVELS):
     return recording_from_arrays(f"noise {times:g}", quiet.time, columns)
 
 
-@pytest.mark.parametrize("times", [3.0, 30.0, pytest.param(10.0, marks=pytest.mark.full)])
+@pytest.mark.parametrize("times", [30.0, *(pytest.param(x, marks=pytest.mark.full) for x in (3.0, 10.0))])
 def test_a_noisy_recording_beside_a_quiet_one_takes_nothing_away(times):
     """One noise for both made the errors two and four times as large, and the estimate doubtful."""
     alone = estimate_parameters(recorded(0), workers=1)
@@ -55,6 +55,7 @@ def test_a_fast_recording_beside_one_slower_than_the_motor_is_ok():
     assert off(both).max() < 4.5, off(both)
 
 
+@pytest.mark.full  # a step by a finer range above
 def test_a_sine_by_a_finer_range_beside_a_step():
     """No row of it rests or settles: its noise was taken for that of the step, two and three times as large."""
     levels = np.where(np.arange(600) < 3, 0.0, 9.0)
@@ -93,11 +94,13 @@ def of_two(x, present=None, level=1.0):
     return with_noise_of_each(plain, x.reshape(-1, 1), ~runs, np.zeros((2, 1)))
 
 
-@pytest.mark.parametrize("n", [60, 250, pytest.param(2000, marks=pytest.mark.full)])
-def test_noises_that_are_alike_are_hardly_ever_told_apart(n):
+@pytest.mark.parametrize(
+    ("n", "pairs"), [(60, 300), *(pytest.param(n, 1000, marks=pytest.mark.full) for n in (60, 250, 2000))]
+)
+def test_noises_that_are_alike_are_hardly_ever_told_apart(n, pairs):
     """By chance less than once in 1e4; of 1 000 pairs none, here white and smoothed ones."""
     rng = np.random.default_rng(3)
-    for k in range(1000):
+    for k in range(pairs):
         x = rng.standard_normal((2, n + 3))
         x = sum(x[:, j : n + j] for j in range(4)) if k % 2 else x[:, :n]
         assert of_two(x).each is None, k
@@ -110,7 +113,7 @@ def test_a_noise_that_grows_with_its_signal_is_no_noise_of_each_recording():
         assert of_two(np.hypot(0.1, level) * rng.standard_normal((2, 500)), level=level).each is None
 
 
-@pytest.mark.parametrize("times", [1.5, 4.0, 100.0])
+@pytest.mark.parametrize("times", [1.5, *(pytest.param(x, marks=pytest.mark.full) for x in (4.0, 100.0))])
 def test_the_share_of_each_is_within_its_error(times):
     """Of n samples the logarithm of a ratio has the error 1 / sqrt n."""
     rng = np.random.default_rng(8)

@@ -10,7 +10,7 @@ pytestmark = pytest.mark.usefixtures("shared_workers")
 MOTOR = {"R": 2.2, "K": 0.334, "L": 1.6e-3, "J": 1.5e-3, "B": 1.93e-3}
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.full)])
 def test_a_friction_that_is_not_there_leaves_the_verdict_ok(seed):
     times = 1e-3 * np.arange(2000)
     voltage = np.repeat([0.0, 6.0, -4.0, 9.0, 2.0], 400)

@@ -37,6 +37,7 @@ def test_it_is_found_and_the_motor_is_right(seed):
     assert off(result).max() < 4.5, off(result)
 
 
+@pytest.mark.full  # that it is found is asked above
 def test_without_it_the_bars_do_not_hold(monkeypatch):
     monkeypatch.setenv("FMU_ESTIMATOR_WITHOUT", NAME)
     result = estimate_parameters(recorded(1.0, 0), workers=1)
