@@ -107,7 +107,7 @@ def test_a_beginning_survives_writing_the_case(strange, tmp_path):
     assert read_case(tmp_path / "again.case.toml").runs[0].begin == "settled"
 
 
-@pytest.mark.parametrize("way", ["on a line", "held"])
+@pytest.mark.parametrize("way", ["held", pytest.param("on a line", marks=pytest.mark.full)])
 def test_how_an_input_goes_from_row_to_row_is_seen_where_the_case_does_not_say_it(strange, tmp_path, way):
     fmu, _ = strange
     fine = 1e-3 * np.arange(750)

@@ -67,10 +67,16 @@ def page():
     return result_files(made, command="fmu-estimator estimate step.csv -o out")["report.html"].decode()
 
 
+@pytest.fixture(scope="module")
+def wide(page, tmp_path_factory):
+    """Return what the probe says of the page in a wide window, and the browser's log."""
+    return opened(page, tmp_path_factory.mktemp("wide"), width=1400)
+
+
 @pytest.mark.skipif(BROWSER is None, reason="no chromium here: apt-get install chromium")
-def test_the_report_opens_without_an_error_with_all_charts_and_nothing_from_the_network(page, tmp_path):
+def test_the_report_opens_without_an_error_with_all_charts_and_nothing_from_the_network(page, wide):
     assert not re.search("https?:", page)
-    told, log = opened(page, tmp_path, width=1400)
+    told, log = wide
     assert "CONSOLE" not in log
     charts = [width for width in told["charts"] if width > 300]
     assert len(charts) == 3 + 4, "transient, whole recording, validation; two of the residuals of each output"
@@ -90,8 +96,8 @@ def test_the_report_fits_a_phone(page, tmp_path):
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no chromium here: apt-get install chromium")
-def test_pointing_at_a_chart_reads_the_values_there(page, tmp_path):
-    told, _ = opened(page, tmp_path, width=1400)
+def test_pointing_at_a_chart_reads_the_values_there(wide):
+    told, _ = wide
     made = comparison()
     time = float(re.search(r"t = ([\d.]+) s", told["read"])[1])
     k = round(time * 1000)

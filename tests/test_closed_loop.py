@@ -30,7 +30,7 @@ def controlled(seed):
     return recording_from_arrays("loop", STEP * np.arange(len(rows)), columns)
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.full) for k in range(2, 10))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.full) for k in range(1, 10))])
 def test_it_is_no_doubt(seed):
     """Rows that the noise itself had selected were "no plain noise: neighbours are alike", of 14 in 24."""
     result = estimate_parameters(controlled(seed), workers=1)

@@ -86,7 +86,9 @@ def test_a_current_at_no_load_of_a_few_steps_has_a_bar_that_holds(seed):
     assert 0.005 < off < 0.35, "B is known to less than a step of the current, and to no small part of it"
 
 
-@pytest.mark.parametrize(("seed", "every", "coarse"), [(0, 4, 6.0), (2, 4, 6.0), (3, 14, 12.0)])
+@pytest.mark.parametrize(
+    ("seed", "every", "coarse"), [(0, 4, 6.0), pytest.param(2, 4, 6.0, marks=pytest.mark.full), (3, 14, 12.0)]
+)
 def test_a_coarse_speed_that_a_logger_shows_for_many_rows_is_coarse(seed, every, coarse):
     """One sample of 4 or 14 is new, in steps of 2 or 4 % of the speed: K was 4 bars off, or a lag was told."""
     rng = np.random.default_rng(seed)

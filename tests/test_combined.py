@@ -1,7 +1,6 @@
 """The second bench itself: its motor against scipy's integrator, its effects, its reference fit, its table."""
 
 import json
-import subprocess
 import sys
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -250,11 +249,6 @@ def test_wilsons_interval_of_none_of_a_hundred():
     assert wilson(0, 0) == "–"
 
 
-def run(*arguments, cwd=None):
-    return subprocess.run([sys.executable, str(BENCHMARKS / "combined.py"), *arguments], capture_output=True,
-                          text=True, cwd=cwd, check=False)  # fmt: skip
-
-
 def test_the_seeds_of_the_end_are_not_run_by_accident(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["combined.py", "--seeds", "1000000:1000001"])
     with pytest.raises(SystemExit) as end:
@@ -270,11 +264,10 @@ def test_a_run_writes_a_line_and_is_not_repeated(tmp_path, monkeypatch, capsys):
         return capsys.readouterr()
 
     out = tmp_path / "dev.jsonl"
-    done = run("--set", "good", "--seeds", "0:1", "--jobs", "1", "--out", str(out))
-    assert done.returncode == 0, done.stderr
+    done = here("--set", "good", "--seeds", "0:1", "--jobs", "1", "--out", str(out))
     (one,) = map(json.loads, out.read_text().splitlines())
     assert one["found"]["verdict"] in ("ok", "doubtful")
     assert set(one["found"]["parameters"]) == set(MOTOR)
     again = here("--set", "good", "--seeds", "0:1", "--jobs", "1", "--out", str(out))
-    assert again.out == done.stdout and again.err == ""
+    assert again.out == done.out and again.err == ""
     assert "| good, wrongly doubted or refused |" in here("--table", str(out)).out

@@ -50,7 +50,11 @@ def coasting(result_of):
     return result_of(time=times, v=v, i=i, w=w, workers=1)
 
 
-@pytest.mark.parametrize("said", [{}, {"friction": 0.004}, {"stiction": 0.0}], ids=["free", "fixed", "no stiction"])
+@pytest.mark.parametrize(
+    "said",
+    [{}, pytest.param({"friction": 0.004}, marks=pytest.mark.full), {"stiction": 0.0}],
+    ids=["free", "fixed", "no stiction"],
+)
 def test_a_drive_that_opens_the_circuit_is_told_whatever_of_the_friction_is_said(said):
     """With the declared friction nothing of the drive could be found: a short circuit brakes a motor that coasts."""
     result = coasting(lambda **given: estimate_parameters(fmu="dc_motor_friction", fix=said, **given))

@@ -301,6 +301,7 @@ def test_steps_of_a_command_are_no_noise_of_it():
     assert is_of_one_size(np.concatenate([np.zeros(900), measured]))
 
 
+@pytest.mark.full
 def test_of_the_forms_of_an_effect_one_is_fitted_again_beside_a_noisy_voltage():
     """All were, ten columns that are nearly the same: a drop of "nan V", ten times."""
     recordings = [recording(e, seed, brush=0.5, round_at=0.3, noise_v=0.05) for seed, e in enumerate(EXCITATIONS)]
@@ -452,7 +453,8 @@ def test_a_delay_before_a_filter_has_its_error_although_the_current_jumps_betwee
     assert 5e-6 < found.standard_error < 5e-5 and abs(found.value - 1.37e-3) < 4 * found.standard_error
 
 
-@pytest.mark.parametrize("delay", [1.37e-3, pytest.param(0.62e-3, marks=pytest.mark.full)])
+@pytest.mark.full  # what a step does not show: above
+@pytest.mark.parametrize("delay", [1.37e-3, 0.62e-3])
 def test_a_step_of_one_voltage_shows_no_drop_of_the_drive(delay):
     """It is a gain of the voltage, exactly; what of its column is not lies within the edge's samples."""
     result = without_inductance(delay=delay, tau=2e-3)

@@ -17,6 +17,8 @@ from test_report import check_contract
 
 from estimator.recordings.reading import read_recording
 
+pytestmark = pytest.mark.usefixtures("compiled_quickly")
+
 MOTOR = {"R": 3.1363, "K": 0.048774, "L": 0.01307, "J": 9.0e-6, "B": 1.690e-4}  # the paper, Tables III and IV
 SETTINGS = [word for name, value in MOTOR.items() for word in ("--set", f"{name}={value!r}")]
 

@@ -11,6 +11,8 @@ from fmu_instances import ERROR, OK, FmuInstance, Opened, status
 
 import fmu_build
 
+pytestmark = pytest.mark.usefixtures("compiled_quickly")
+
 OUTPUTS = ("i", "w", "angle")
 OTHER = {"R": 0.921042, "K": 0.073472, "L": 0.007759, "J": 0.000136, "B": 0.000678}
 

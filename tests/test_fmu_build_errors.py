@@ -19,6 +19,8 @@ from fmu_build import BuildError
 from fmu_build.export import _write_archive
 from fmu_build.model import loaded_model
 
+pytestmark = pytest.mark.usefixtures("compiled_quickly")
+
 MODEL = """\
 /* A small model. */
 #define MODEL_LINEAR 1

@@ -90,6 +90,7 @@ def rebuilt(fmu: Path, target: Path) -> Path:
     return target
 
 
+@pytest.mark.parametrize("fmu", [3, pytest.param(2, marks=pytest.mark.full)], ids=["FMI3", "FMI2"], indirect=True)
 def test_rebuilt_from_its_own_sources_it_gives_the_same_bits(tmp_path: Path, fmu: Path, by_fmpy: list[str]) -> None:
     assert run_importer("fmpy", rebuilt(fmu, tmp_path / "dc_motor.fmu")) == by_fmpy
 

@@ -166,7 +166,13 @@ def test_without_friction_and_brushes_it_is_dc_motor(motor: FmuInstance) -> None
 
 
 @pytest.mark.parametrize(
-    "changes", [{}, {"J": 1e-6, "R": 0.5, "B": 0.0}, {"L": 1e-6}, {"L": 1e-9}, {"L": 0.1}], ids=str
+    "changes",
+    [
+        {"J": 1e-6, "R": 0.5, "B": 0.0},
+        {"L": 1e-9},
+        *(pytest.param(change, marks=pytest.mark.full) for change in ({}, {"L": 1e-6}, {"L": 0.1})),
+    ],
+    ids=str,
 )
 def test_long_steps_see_every_standstill_that_short_steps_see(motor: FmuInstance, changes: dict[str, float]) -> None:
     rng = np.random.default_rng(2)

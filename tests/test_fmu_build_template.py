@@ -10,6 +10,8 @@ from fmpy.validation import validate_fmu
 import fmu_build
 from estimator.cli import main
 
+pytestmark = pytest.mark.usefixtures("compiled_quickly")
+
 
 def test_new_model_builds_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)

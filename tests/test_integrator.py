@@ -74,7 +74,7 @@ def error_over_the_box(instance: FmuInstance, *, points: int, step: float, sampl
     return worst
 
 
-@pytest.mark.parametrize("step", [1e-3, 7e-3])
+@pytest.mark.parametrize("step", [7e-3, pytest.param(1e-3, marks=pytest.mark.full)])
 def test_response_to_held_voltage_is_exact_over_the_papers_box(motor: FmuInstance, step: float) -> None:
     assert error_over_the_box(motor, points=30, step=step) < 1e-12
 

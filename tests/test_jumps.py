@@ -14,6 +14,8 @@ from estimator.estimating.estimate import estimate
 from estimator.judging.jumps import drawn_errors, jumping
 from estimator.plans.parameters import Box
 
+pytestmark = pytest.mark.usefixtures("compiled_quickly")
+
 MODEL = Path(__file__).parent / "models" / "bouncing.c"
 TRUTH = {"e": 0.72, "g": -9.5}
 CASE = """

@@ -20,6 +20,8 @@ from estimator.fmus.simulate import simulate
 from estimator.fmus.workers import Workers
 from estimator.plans.planning import plan_case
 
+pytestmark = pytest.mark.usefixtures("compiled_quickly")
+
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):

@@ -11,7 +11,8 @@ pytestmark = pytest.mark.usefixtures("shared_workers")
 COMMAND = np.repeat([0.0, 5.0, 9.0], [100, 350, 350])
 
 
-@pytest.mark.parametrize("rows", [2.6, pytest.param(1.3, marks=pytest.mark.full)])
+@pytest.mark.full  # at one part of a sample: test_effects.py
+@pytest.mark.parametrize("rows", [2.6, 1.3])
 def test_noise_of_a_logged_voltage_is_told_behind_a_current_that_is_late(rows):
     """What the noise would do came 2.6 rows too early in the column that tells it: drops and overshoots were told."""
     recording = bench(COMMAND, np.repeat(COMMAND, FINE), 1, late=round(rows * FINE), noise=0.1)

@@ -56,7 +56,8 @@ def test_two_levels_whose_trigger_came_late_tell_all_five():
     assert off(result).max() < 4.5, result.parameters
 
 
-@pytest.mark.parametrize("late", [LATE, pytest.param(100, marks=pytest.mark.full)])
+@pytest.mark.full  # alone: above
+@pytest.mark.parametrize("late", [LATE, 100])
 def test_the_rest_of_a_recording_beside_its_beginning_is_read_as_it_runs(late):
     """Of a clock that starts again: a file in two parts took three minutes, from a motor that was 1/6 as heavy."""
     command = np.repeat([0.0, 4.0, 9.0], [50, 300, 300])
@@ -85,7 +86,8 @@ def test_rows_of_zeros_that_fill_a_logger_s_buffer_are_no_circuit_that_opens(fil
     assert result.verdict == "ok" and result.effects == () and off(result).max() < 4.5, result.parameters
 
 
-@pytest.mark.parametrize("late", [40, pytest.param(120, marks=pytest.mark.full)])
+@pytest.mark.full
+@pytest.mark.parametrize("late", [40, 120])
 def test_a_random_signal_from_the_first_row_on_that_reaches_a_resting_motor_late(late):
     """Its delay was looked for around none: all five were not told."""
     rng = np.random.default_rng(4)

@@ -100,6 +100,7 @@ def test_a_load_that_sets_in_is_told_with_its_instant_and_leaves_the_parameters_
     assert reason.startswith(size.name) and ("more" if part > 0 else "less") in reason
 
 
+@pytest.mark.full  # of one instant above
 def test_of_a_load_that_comes_and_goes_both_instants_are_told():
     torque = from_instant(0.7, 0.1 * STALL) - from_instant(1.1, 0.1 * STALL)
     result = estimate_parameters(loaded(STEP, torque, 2), workers=1)

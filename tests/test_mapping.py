@@ -20,7 +20,7 @@ from estimator.plans.parameters import Box
 from estimator.plans.planning import plan_case
 from estimator.plans.space import reduced_space, steady_state
 
-pytestmark = pytest.mark.usefixtures("shared_workers")
+pytestmark = pytest.mark.usefixtures("shared_workers", "compiled_quickly")
 
 
 @pytest.fixture(scope="module")

@@ -82,7 +82,7 @@ def test_the_deviation_is_unbiased_whatever_the_parameters_have_taken():
     assert np.mean(squares) == pytest.approx(0.09, rel=0.09)
 
 
-@pytest.mark.parametrize("deviation", [0.9, 4.0])  # steps
+@pytest.mark.parametrize("deviation", [0.9, pytest.param(4.0, marks=pytest.mark.full)])  # steps
 def test_a_rounded_signal_has_the_same_noise_at_a_level_and_in_motion(deviation):
     """Differences of a level are whole steps: their median told a growth that was not there."""
     n, level = 8000, np.repeat([[0.0], [1.0]], 4000, axis=0)
@@ -149,7 +149,7 @@ def test_white_noise_shows_neither_slow_parts_nor_growth():
         assert noise.white == pytest.approx([0.02, 1.0], rel=0.08)
 
 
-@pytest.mark.parametrize("tau", [0.01, 0.1])
+@pytest.mark.parametrize("tau", [0.1, pytest.param(0.01, marks=pytest.mark.full)])
 def test_a_slow_part_is_found_with_its_deviation_and_time(tau):
     rng = np.random.default_rng(3)
     deviations, times = [], []

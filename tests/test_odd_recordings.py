@@ -247,7 +247,12 @@ UP, DOWN = (5.0, 10.5), (10.5, 5.0)
 
 @pytest.mark.parametrize(
     ("levels", "sensor"),
-    [(UP, "counts"), (UP, "a resolver"), (DOWN, "counts"), (DOWN, "a resolver")],
+    [
+        (UP, "counts"),
+        pytest.param(UP, "a resolver", marks=pytest.mark.full),
+        (DOWN, "counts"),
+        (DOWN, "a resolver"),
+    ],
 )
 def test_an_angle_of_a_motor_that_runs_already_may_begin_anywhere(case_of, levels, sensor):
     recording = step_recording(CML050, levels=levels, duration=1.2, lead=0.3, noise=(0.02, 0.0))

@@ -59,6 +59,7 @@ def test_a_current_that_never_flows_back_is_doubted_where_that_is_not_known(monk
     assert estimated(TRUE, (0, 10, 4), rows=100, one_way=1.0).verdict != "ok"
 
 
+@pytest.mark.full  # a motor that coasts and one that brakes: test_odd_drives.py
 def test_a_bridge_brakes_and_an_open_circuit_is_open_at_once():
-    assert estimated(TRUE, (0, 10, 4), rows=200).effects == ()
+    assert estimated(TRUE, (0, 10, 4)).effects == ()
     assert set(estimated(TRUE, (0, 10, 0), coasts=1.0).effects) == {"coasting"}

@@ -64,6 +64,7 @@ def test_a_voltage_is_measured_also_where_most_of_its_rows_are_exactly_none():
         assert not is_measured(command)
 
 
+@pytest.mark.full
 def test_a_recording_that_ends_soon_after_the_circuit_opened_tells_it_too():
     """Its motor had lost a tenth of its speed only: more was asked for, and no effect explained the rest."""
     v, i, w = (column[: OPENS + 60] for column in bench(6))
@@ -90,6 +91,7 @@ def test_a_motor_that_is_braked_or_runs_at_no_load_or_stands_is_not_open():
     assert open_rows(observed(np.zeros(300), i[:300] * 0, w[:300] * 0)) is None
 
 
+@pytest.mark.full
 def test_a_current_that_settled_below_its_noise_long_before_has_opened_nothing_then():
     """From the end of the inrush on 6 V were taken for the motor's own, and replaced by none."""
     v, i, w = bench(5, inertia=4e-6)
@@ -218,6 +220,7 @@ def test_each_opening_tells_the_constant_by_its_own_fall_and_one_without_a_fall_
     assert not np.isfinite(still.constant(0.0)[1]) and still.doubt(0.05, 1e-5, 0.0) == ""
 
 
+@pytest.mark.full
 def test_a_speed_of_coarse_counts_hides_no_open_circuit_whose_voltage_jumps_a_row_before_the_current_ends():
     """Its noise was not allowed for: brushes that drop 2.5 V and lost rows were told of a motor that has neither."""
     rng, rows = np.random.default_rng(3), OPENS + 80

@@ -11,6 +11,7 @@ MOTOR = {"K": 0.334, "L": 1.6e-3, "J": 1.5e-3, "B": 9.6e-4, "friction": 0.03, "s
 RESISTANCES = 2.2, 2.37, 2.54
 
 
+@pytest.mark.full  # without a dry friction: test_chain.py
 def test_a_resistance_of_each_recording_hides_no_dry_friction(tmp_path):
     """No other FMU stood in for the motor's then: B was 189 % off, and varied between the runs."""
     times, rng = 1e-3 * np.arange(1500), np.random.default_rng(1)

@@ -11,6 +11,7 @@ from motors import CML050, RMCS2004, Motor, held_response, recording_of, step_re
 from estimator.cases.case import OutputSpec, ParameterSpec, RunSpec
 from estimator.estimating.estimate import estimate_recordings
 from estimator.explaining.adequacy import Failure
+from estimator.explaining.effects import EFFECTS
 from estimator.fmus.fmu import describe
 from estimator.judging.lost_signs import lost_signs
 from estimator.judging.misfit import unexplained
@@ -159,8 +160,9 @@ def test_a_heavy_rotor_that_a_short_reversal_only_slows_down_has_its_sign(case_o
     assert run(case_of(), made(voltage, shown, noise=(0.02, 1))).verdict != "refused"
 
 
-def test_a_coarse_encoder_that_turns_back_has_its_sign(case_of):
+def test_a_coarse_encoder_that_turns_back_has_its_sign(case_of, monkeypatch):
     """Its counts, 63 rad/s each, were taken for the noise of a speed that is never negative."""
+    monkeypatch.setenv("FMU_ESTIMATOR_WITHOUT", ",".join(effect.name for effect in EFFECTS))  # which take long
     voltage = np.repeat([0.0, 10.0, 4.0, 8.0, -5.0], [100, 250, 250, 250, 250])
     shown = held_response(CML050, voltage, step=1e-3)
     count = 2 * np.pi / 100

@@ -17,6 +17,8 @@ from estimator.estimating.estimate import estimate
 from estimator.judging.scaling import exact_scaling, written
 from estimator.plans.parameters import Box
 
+pytestmark = pytest.mark.usefixtures("compiled_quickly")
+
 MODEL = Path(__file__).parent / "models" / "two_resistances.c"
 R1, R2, C = 0.1, 0.25, 2000.0
 CASE = """

@@ -63,6 +63,7 @@ def test_a_command_beside_a_voltage_that_is_measured_has_its_limit():
         assert abs(found.value - MOTOR[name]) < 4.5 * found.standard_error, name
 
 
+@pytest.mark.full  # of one from rest above
 def test_a_recording_that_runs_already_is_limited_from_the_voltage_that_it_was_run_in_with():
     """It was limited from none: a sag, a rise and a delay were told, R was open by 25 %, and it took minutes."""
     whole = bench(COMMAND, limited(COMMAND, 6.0 / 4.7e-3), 1)

@@ -83,6 +83,7 @@ def test_what_goes_from_level_to_level_does_not_move_smoothly():
     assert not moves_smoothly(np.full(ROWS, 5.0))
 
 
+@pytest.mark.full  # a motion before the voltage is asked in test_starting_motion.py
 def test_a_motor_moves_already_where_a_recording_begins_within_a_smooth_signal():
     result = estimate_parameters(measured("multisine", 5, noise=0.005, first=700), workers=1)
     assert worst(result) < 4.5 and result.parameters["L"].standard_error < 0.2 * MOTOR["L"]

@@ -81,6 +81,7 @@ def test_a_motor_whose_circuit_is_open_coasts_before_its_voltage(first, rows, ca
     assert found.chain["motion before the voltage"].value == pytest.approx(first, abs=2.0)
 
 
+@pytest.mark.full
 def test_a_motor_that_turns_when_it_is_switched_on_backwards_is_not_told_by_an_offset(case_of):
     voltage = np.full(600, 10.5)
     found = estimated(case_of, voltage, turning(-120.0, 0, voltage))
@@ -88,6 +89,7 @@ def test_a_motor_that_turns_when_it_is_switched_on_backwards_is_not_told_by_an_o
     assert found.verdict == "doubtful" or "motion before the voltage" in found.effects
 
 
+@pytest.mark.full
 def test_a_recording_at_rest_whose_sensor_has_an_offset_does_not_move_twice(case_of):
     """It looks as if it coasted: its motion was simulated and, as behind an open circuit, in columns, too."""
     voltage = np.where(np.arange(1500) >= 300, 10.5, 0.0)

@@ -17,6 +17,8 @@ from estimator.cli import main
 from estimator.errors import InputError
 from estimator.estimating.estimate import estimate
 
+pytestmark = pytest.mark.usefixtures("compiled_quickly")
+
 MODEL = Path(__file__).parent / "models" / "wave.c"
 RATE, SIZE = 217.3, 1.7
 CASE = """

@@ -193,7 +193,7 @@ def jumping(n):
     return voltage, ends[:, None], course
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.0034])
+@pytest.mark.parametrize("delay", [0.0034, pytest.param(0.0, marks=pytest.mark.full)])
 def test_a_linear_input_that_jumps_at_a_row_is_that_of_the_solver(crew, delay):
     n = 150
     voltage, ends, course = jumping(n)

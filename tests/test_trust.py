@@ -46,6 +46,7 @@ def run(bench, seed=1, **changes):
     return estimate_recordings([dataclasses.replace(PLAIN, **changes)], [[bench.record(seed)]], workers=1)[0]
 
 
+@pytest.mark.full
 def test_the_bound_is_what_maximum_likelihood_from_the_truth_reaches():
     bench, errors = Bench(duration=1.5), []
     for seed in range(30):  # a ratio outside comes by chance less than once in 100 000 draws of 30

@@ -47,6 +47,7 @@ def test_a_small_step_by_a_finer_range_beside_a_large_one():
         assert p.standard_error < 1.1 * alone.parameters[name].standard_error, name
 
 
+@pytest.mark.full
 def test_a_fast_recording_beside_one_slower_than_the_motor_is_ok():
     slow = recorded(5)
     few = {f"{n} [{u}]": slow.signals[n][::50] for n, u in (("voltage", "V"), ("current", "A"), ("speed", "rad/s"))}

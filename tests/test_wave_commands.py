@@ -26,7 +26,8 @@ def test_a_smooth_command_is_not_measured(rows):
 
 
 @pytest.mark.parametrize(
-    ("digit", "noise"), [(0.1, 0.0), (0.0, 0.02), *(pytest.param(x, 0.0, marks=pytest.mark.full) for x in (0.0, 0.01))]
+    ("digit", "noise"),
+    [(0.1, 0.0), *(pytest.param(*case, marks=pytest.mark.full) for case in ((0.0, 0.0), (0.01, 0.0), (0.0, 0.02)))],
 )
 def test_it_is_estimated_as_it_is(case_of, digit, noise):
     """R was 9 to 27 standard errors off, beside seven effects that were not there."""
