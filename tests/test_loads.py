@@ -117,11 +117,8 @@ def test_without_the_effect_a_load_that_sets_in_is_doubted(monkeypatch):
     assert all(abs(off(result, name)) < 4.5 for name in MOTOR)
 
 
-@pytest.mark.parametrize(
-    "voltage",
-    [STEP, *(pytest.param(v, marks=pytest.mark.full) for v in (LEVELS, RANDOM))],
-    ids=["step", "levels", "random"],
-)
+@pytest.mark.full  # nor any other effect: test_effects.py
+@pytest.mark.parametrize("voltage", [STEP, LEVELS, RANDOM], ids=["step", "levels", "random"])
 def test_no_load_is_told_where_there_is_none(voltage):
     result = estimate_parameters(loaded(voltage, np.zeros(ROWS * FINE), 4), workers=1)
     assert result.verdict == "ok" and not any("load" in name for name in result.chain)

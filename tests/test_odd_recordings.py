@@ -100,6 +100,7 @@ def test_a_delay_that_leaves_nothing_of_the_response_is_told(measured, case_of, 
 # Voltage below zero
 
 
+@pytest.mark.full  # one way: test_effects.py
 def test_a_dry_friction_is_named_whichever_way_the_motor_turns(case_of):
     """One step hardly tells it from a viscous one: it is found, or is a rival, with bars that cover it."""
     torque = 2e-3  # N·m

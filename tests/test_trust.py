@@ -100,6 +100,7 @@ def test_the_papers_bench_behind_its_filter_is_not_doubted(hand, motor):
     assert np.max(np.abs(deviations(found))) < 4
 
 
+@pytest.mark.full  # that it is found: test_effects.py
 def test_an_eccentric_encoder_moves_no_k():
     """By the angle that it shows its ripple has a mean that is not 0: K was 1.2e-3 off."""
     bench = Bench(current_noise=0.0, speed_noise=0.0, lines=100_000, duration=2.5)
