@@ -256,6 +256,7 @@ def test_a_dropped_file_is_assigned_estimated_and_reported(page, folder, driver)
     assert "estimate run-1.case.toml -o run-1 --signals" in folded
 
 
+@pytest.mark.full
 def test_a_result_can_be_exported_and_the_command_is_shown(page, driver, folder, estimated):
     shutil.copytree(estimated, folder / "monday")
     page.go("results")
@@ -281,6 +282,7 @@ def test_a_wrong_file_is_told_in_a_sentence_and_changes_nothing(page, folder):
         assert (folder / "app.case.toml").read_bytes() == before and "step.csv" in page.text
 
 
+@pytest.mark.full
 def test_two_tabs_show_one_case_and_an_outdated_change_is_refused(page, driver, server, folder):
     first = driver.current_window_handle
     driver.switch_to.new_window("tab")
@@ -348,6 +350,7 @@ def children(server):
     return program, program.children(recursive=True)
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("started_runs")
 def test_a_killed_worker_costs_a_candidate_and_a_killed_program_costs_its_run(page, driver, server, folder, slow_fmu):
     slow(page, server, folder, slow_fmu)
@@ -381,7 +384,8 @@ def long_recording(path, n):
     parquet.write_table(pyarrow.table(columns), path)
 
 
-@pytest.mark.parametrize("samples", [200_000, pytest.param(1_000_000, marks=pytest.mark.full)])
+@pytest.mark.full
+@pytest.mark.parametrize("samples", [200_000, 1_000_000])
 def test_many_samples_are_dragged_at_the_speed_of_the_screen_and_no_extreme_is_lost(page, driver, folder, samples):
     long_recording(folder / "long.parquet", samples)
     driver.refresh()
@@ -498,6 +502,7 @@ def test_numbers_are_read_in_german_and_in_english(page):
     assert {typed: page.driver.execute_async_script(script, typed) for typed in meant} == meant
 
 
+@pytest.mark.full
 def test_a_german_bound_is_kept_and_nonsense_is_marked_where_it_stands(page, driver, folder):
     page.go("model")
     page.type("min-R", "0,5")
@@ -515,6 +520,7 @@ def test_a_german_bound_is_kept_and_nonsense_is_marked_where_it_stands(page, dri
     page.until(lambda: "[parameters]" not in (folder / "app.case.toml").read_text())
 
 
+@pytest.mark.full
 def test_a_slider_shows_what_another_start_looks_like(page, driver, folder):
     page.go("model")
     page.says("The start explains")
@@ -524,6 +530,7 @@ def test_a_slider_shows_what_another_start_looks_like(page, driver, folder):
     page.until(lambda: "The start explains" in page.text and before not in page.text)
 
 
+@pytest.mark.full
 def test_a_bundled_model_is_inspected_its_parameters_are_offered_and_that_of_a_file_is_chosen(
     page, driver, folder, slow_fmu
 ):
@@ -560,6 +567,7 @@ def test_a_script_in_a_name_stays_a_text(page, driver, folder, server):
     assert page.js("return window.hacked") is None and not driver.find_elements(By.CSS_SELECTOR, "img[src=x]")
 
 
+@pytest.mark.full
 def test_a_result_folder_made_elsewhere_is_opened_and_runs_are_seen_side_by_side(page, driver, folder, estimated):
     from estimator.cli import main
 
@@ -640,6 +648,7 @@ def test_on_a_phone_values_bars_and_rivals_are_seen_without_scrolling_sideways(p
     page.until(lambda: "max = 50" in (folder / "app.case.toml").read_text())
 
 
+@pytest.mark.full
 def test_a_log_of_two_tests_with_a_duty_cycle_and_counts_is_read_as_the_page_says(page, driver, folder):
     rows = [line.split(",") for line in EXAMPLE.read_text().splitlines() if line[:1].isdigit()]
     t, v, i, w = np.array(rows, dtype=float).T
@@ -670,6 +679,7 @@ def bare(*columns, header=""):
     return "\n".join([*([header] if header else []), *(",".join(row[k] for k in columns) for row in rows)]).encode()
 
 
+@pytest.mark.full
 def test_a_file_without_header_and_time_is_read_as_the_page_is_told(page, driver, folder):
     page.take_off()
     page.drop("bare.csv", bare(3, 1, 2))
@@ -710,6 +720,7 @@ def test_a_file_with_a_header_and_no_time_asks_for_its_interval_alone(page, driv
     page.until(lambda: not driver.find_elements(By.ID, "problem"))
 
 
+@pytest.mark.full
 def test_a_unit_of_a_header_is_overruled_with_a_warning_and_taken_back(page, driver, folder):
     page.type("unit-2", "rpm")
     page.says("speed [rad/s] is now read as rpm, against its header")
@@ -802,6 +813,7 @@ def test_no_page_has_a_serious_finding_of_axe_or_is_wider_than_the_screen(page, 
         assert not serious, (width, dark, step, serious)
 
 
+@pytest.mark.full
 def test_the_colours_can_be_chosen_and_stay(page, driver):
     def back():
         return page.js("return getComputedStyle(document.body.parentElement).backgroundColor")

@@ -24,9 +24,10 @@ def test_both_time_constants_exchanged_are_told(slower):
         assert abs(found.value - value) < 3 * found.standard_error, (name, found)
 
 
+@pytest.mark.full
 def test_a_command_that_moves_in_every_row_may_rise_behind_too():
     """Of a chirp whose amplifier was slow a sag, a delay and a filter were told: ok, L 48 standard errors off."""
-    rows, part = 1500, -np.expm1(-STEP / FINE / 1.5e-3)
+    rows, part = 600, -np.expm1(-STEP / FINE / 1.5e-3)
     since = np.arange(rows) * STEP
     command = 9.0 * np.sin(2 * np.pi * (2.0 + 90.0 * since / since[-1]) * since)
     voltage = lfilter([part], [1.0, part - 1.0], np.repeat(command, FINE))

@@ -27,7 +27,7 @@ class GainByRange(Effect):
     """By which part the gain of large currents is that of small ones more; which of both is right is not known."""
 
     name: str = "gain by range of i"
-    prior: float = SELDOM
+    prior: float = SELDOM / 10  # few sensors switch while they record
     share: float = 0.5
     doubt: str = "the current sensor has another gain for large currents: check the scales of its ranges"
     sentence: str = "the gain of large currents differs by {percent:.3g} % from that of small ones"
