@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import MISFIT
+from estimator.plans.free_parameters import MOST_HELD, never_named
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
@@ -26,8 +27,8 @@ def worse_than_means(plan: Plan, rmse: FloatArray, noise: FloatArray, spread: Fl
     """
     return [
         f"the model explains {name} worse than its mean would (fit {_fit(error, width)}): it is off by {error:.3g}"
-        f" {plan.unit(name)} of a signal that spreads by {width:.3g} {plan.unit(name)}; check columns, units, clock and"
-        " bounds, or estimate with another model"
+        f" {plan.unit(name)} of a signal that spreads by {width:.3g} {plan.unit(name)}; {_held(plan)}check columns,"
+        " units, clock and bounds, or estimate with another model"
         for name, error, width, own in zip(plan.outputs, rmse, spread, noise, strict=True)
         if error > max(width, MISFIT * own)
     ]
@@ -51,8 +52,17 @@ def describes_nothing(
     bounds = f"widen the bounds of {', '.join(held)}, which it would leave; or " if held else ""
     return [
         "the model does not describe the recording: its best fit is no better than the mean of each output (fit:"
-        f" {', '.join(fits)}); {bounds}check columns, units and clock, or estimate with another model"
+        f" {', '.join(fits)}); {bounds}{_held(plan)}check columns, units and clock, or estimate"
+        " with another model"
     ]
+
+
+def _held(plan: Plan) -> str:
+    """Return what to do about parameters that nobody named: the FMU's own values of another motor, or another load."""
+    held = never_named(plan.binding)
+    more = f" and {len(held) - MOST_HELD} more" if len(held) > MOST_HELD else ""
+    named = f"{', '.join(held[:MOST_HELD])}{more}"
+    return f"name under [parameters] what the FMU holds at its own value, {named}; or " if held else ""
 
 
 def _fit(error: float, width: float) -> str:

@@ -102,17 +102,29 @@ def held_parameters(binding: Binding) -> tuple[str, ...]:
 
     Where a case names some, it means the others to be held, but hardly those that every motor has.
     """
-    taken = {*binding.case.fixed, *(target for spec in binding.free for target in spec.fmu)}
-    held = [v for v in binding.parameters.values() if v.name not in taken and v.is_real and v.start is not None]
+    held = _held(binding)
     if binding.case.parameters:
         held = [v for v in held if v.name in MOTOR]
     if not held:
         return ()
     listed = ", ".join(f"{v.name} = {_number(v.start):.6g} {v.unit}".rstrip() for v in held[:MOST_HELD])
     more = f" and {len(held) - MOST_HELD} more" if len(held) > MOST_HELD else ""
-    is_ours = binding.description.is_bundled and binding.description.path.stem in BUNDLED
-    unless = " unless the recording shows another" if is_ours else ""
+    unless = " unless the recording shows another" if _may_show_another(binding) else ""
     return (f"held at the FMU's own value{unless}: {listed}{more}; name under [parameters] what is to be estimated",)
+
+
+def never_named(binding: Binding) -> tuple[str, ...]:
+    """Return the names of all of the FMU's parameters that are held as nobody named them, whatever recordings show."""
+    return () if _may_show_another(binding) else tuple(v.name for v in _held(binding))
+
+
+def _held(binding: Binding) -> list[Variable]:
+    taken = {*binding.case.fixed, *(target for spec in binding.free for target in spec.fmu)}
+    return [v for v in binding.parameters.values() if v.name not in taken and v.is_real and v.start is not None]
+
+
+def _may_show_another(binding: Binding) -> bool:
+    return binding.description.is_bundled and binding.description.path.stem in BUNDLED
 
 
 def _parameter(spec: ParameterSpec, binding: Binding, guess: Mapping[str, float]) -> Parameter:
