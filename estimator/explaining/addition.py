@@ -191,7 +191,8 @@ class Addition:
         charge = OPEN * k
         if known:
             charge = float(np.linalg.slogdet(information)[1] if k > 1 else np.log(information[0, 0]))
-        charge += 2 * math.log(self.tried / self.prior)
+        sizes = 2 if self.effect.small else 1  # each of them is as likely
+        charge += 2 * math.log(sizes * self.tried / self.prior)
         return numbers, spread, charge - float(scores.along @ numbers)
 
 

@@ -350,13 +350,13 @@ class Selection:
             best_few = [a for a in likely[:REFITTED] if a.gain - excess * a.penalty(n) > PREDICTED_PART * most]
             found: list[tuple[float, Explanation]] = []
             for a in (*best_few, *of_same_channel(explanation.fit.simulator, best_few, likely), *late):
-                wanted = NEARLY_ALL * (explanation.fit.cost - n) if a in late else worth(a)
-                charged = explanation.fit.cost - excess * a.penalty(n)
-                limit = min(charged - max((fall for fall, _ in found), default=0.0), explanation.fit.cost - wanted)
-                with_it = self.added(explanation, a, limit=limit)
-                if with_it.fit.cost < limit and is_physical(with_it.fit, a, before=explanation.fit):
+                by_itself = a in late and not a.parts
+                wanted = NEARLY_ALL * (explanation.fit.cost - n) if by_itself else worth(a)
+                least_cost = explanation.fit.cost - max(excess * a.penalty(n), wanted)
+                with_it = self.added(explanation, a, limit=least_cost - max((fall for fall, _ in found), default=0.0))
+                if with_it.fit.cost < least_cost and is_physical(with_it.fit, a, before=explanation.fit):
                     parts = dataclasses.replace(with_it, additions=(*explanation.additions, *(a.parts or (a,))))
-                    found.append((charged - with_it.fit.cost, parts if a.parts else with_it))
+                    found.append((least_cost - with_it.fit.cost, parts if a.parts else with_it))
             if found:
                 (fall, best), *others = sorted(found, key=lambda f: -f[0])
                 return [(fall, self._in_company(best, ranked, explanation) or best), *others]

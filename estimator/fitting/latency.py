@@ -97,7 +97,7 @@ def _of_current(o: Observed, v: FloatArray, edges: NDArray[np.int64]) -> tuple[l
     largest = max(float(np.ptp(i[a:b])) / dv for a, b, dv in zip(bounds[:-1], bounds[1:], changes, strict=True))
     noise = noise_deviation(o.outputs["i"])
     level = max(ONSET_NOISE * noise / float(np.min(changes)), ONSET_PART * largest)  # A/V
-    late = []
+    late, moves_on, sudden = [], False, True
     for a, b in zip(bounds[:-1], bounds[1:], strict=True):
         before = i[max(0, a - BEFORE) : a]
         away = (smooth[a:b] - median(before)) / (v[a] - v[a - 1]) > level
@@ -107,10 +107,11 @@ def _of_current(o: Observed, v: FloatArray, edges: NDArray[np.int64]) -> tuple[l
             return None
         rows = max(0, int(np.argmax(lasting)) - 1)
         settled, least = smooth[max(0, a - max(rows, BEFORE)) : a], level * abs(v[a] - v[a - 1])
-        moves_on = abs(settled[-1] - settled[0]) > least  # what comes then may be of the change before
-        if moves_on and not _is_sudden(smooth, a, a + rows, least):
-            return None
-        late.append(0 if not moves_on and _has_left(i[a : a + rows], before, v[a] - v[a - 1], noise) else rows)
+        still_moves = abs(settled[-1] - settled[0]) > least
+        moves_on, sudden = moves_on or still_moves, sudden and _is_sudden(smooth, a, a + rows, least)
+        late.append(0 if not still_moves and _has_left(i[a : a + rows], before, v[a] - v[a - 1], noise) else rows)
+    if moves_on and not sudden:  # what comes after an edge may be of the change before
+        return None
     # Where a current takes many rows to its onset, noise moves that: by so many rows, of a rise that is even.
     moved = np.array(late) * noise / (level * changes)
     return late, TOLD * np.hypot(moved, moved[0])
