@@ -470,6 +470,7 @@ def test_everything_can_be_done_by_the_keyboard(page, driver, folder):
     page.says("RMSE on the validation")
 
 
+@pytest.mark.full
 def test_the_window_is_dragged_and_becomes_part_of_the_case(page, driver, folder):
     page.shown("step.csv")
     edge = page.until(lambda: driver.find_elements(By.CSS_SELECTOR, ".edge:not([hidden])"))[1]
@@ -708,6 +709,7 @@ def test_a_file_without_header_and_time_is_read_as_the_page_is_told(page, driver
     page.says("This file has no header")
 
 
+@pytest.mark.full
 def test_a_file_with_a_header_and_no_time_asks_for_its_interval_alone(page, driver, folder):
     page.take_off()
     page.drop("notime.csv", bare(1, 2, 3, header="voltage [V],current [A],speed [rad/s]"))
@@ -829,6 +831,7 @@ def test_the_colours_can_be_chosen_and_stay(page, driver):
     page.press("theme")
 
 
+@pytest.mark.full
 def test_ctrl_c_ends_a_run_with_the_app(driver, folder, slow_fmu):
     with serving(folder, anew=True) as server:
         page = Page(driver, server.address)
