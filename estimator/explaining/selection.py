@@ -5,8 +5,9 @@ n = 2 000, prior 0.2: chi-square above 10.8; benchmarks/combined.py measures the
 
     fit what is free; what explains most of what it misses comes first
     estimate the noise from settled rows
-    repeat: score-test every addition; refit the best few; accept the best if the criterion falls, and with it what
-            ranks beside it of the same effect in other samples, such as the offsets of several recordings
+    repeat: score-test every addition, what each recording may have, such as its delay, together too; refit the best
+            few; accept the best if the criterion falls, and with it what ranks beside it of the same effect in other
+            samples, such as the offsets of several recordings
     drop additions that are no longer needed
 
 The noise is estimated again after every addition, from settled rows, so that it does not contain what an effect
