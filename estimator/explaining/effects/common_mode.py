@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.explaining.effects.slow_pwm import NAME as PULSES
+from estimator.explaining.effects.voltage_rise import NOISY
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.motor_response import as_current, motor_values
 from estimator.recordings.signal_noise import input_noise
@@ -21,7 +22,6 @@ from estimator.recordings.signal_noise import input_noise
 FloatArray = NDArray[np.float64]
 
 USUAL = 0.01  # of the largest current at the largest voltage: an amplifier by resistors of 0.1 %
-NOISY = 1e-3  # of the largest voltage: a noise that is more than a command's digits
 ROWS_LATE = (0, 1)  # a sample is taken behind the voltage's change in its row, or before it
 
 
