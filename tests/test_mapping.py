@@ -10,6 +10,8 @@ from motors import CML050, NAMES, held_response, step_recording, write_recording
 
 import fmu_build
 from estimator.cases.case import case_for_recording, read_case
+from estimator.cases.roles import guess_roles
+from estimator.cases.si_units import in_si_units
 from estimator.cases.written_case import write_case
 from estimator.cli import main
 from estimator.commands.options import with_options
@@ -56,6 +58,35 @@ def test_units_of_the_fmu_are_converted_both_ways(tmp_path, recording):
     assert {n: e.parameters[n].unit for n in "LJ"} == {"L": "H", "J": "kg.m2"}
     assert e.comparisons[0].units == {"v": "V", "i": "A", "w": "rad/s"}
     assert max(e.rmse.values()) < 1e-6
+
+
+BASELESS = ('<BaseUnit kg="1" m="2" factor="1e-7"/>', "")
+
+
+def test_a_unit_that_is_not_defined_in_base_units_is_read_as_it_is_written(tmp_path):
+    fmu = foreign_fmu(tmp_path, "WORKSHOP_UNITS", change=[BASELESS])
+    inertia = {v.name: v for v in in_si_units(describe(fmu)).variables}["motor.Jm"]
+    assert (inertia.unit, inertia.start) == ("kg.m2", pytest.approx(1e-5, rel=1e-12))
+
+
+def test_units_that_an_fmu_says_in_its_own_words_are_of_the_roles_they_are_of_in_ours(tmp_path):
+    change = [("N.m.s/rad", "N*m/(rad/s)"), ("N.m/A", "Nm/A"), ('"Ohm"', '"ohm"'), ("motor.c", "motor.fric2")]
+    roles = guess_roles(describe(foreign_fmu(tmp_path, change=change)))
+    assert {n: roles[n] for n in "RKB"} == {"R": ("motor.Ra",), "K": ("motor.Ke", "motor.Km"), "B": ("motor.fric2",)}
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ((' unit="(Ohm|A)"', ""), "foreign.fmu says no unit of R, i: taken as SI, here and in what is derived from it"),
+        (('"kg.m2"', '"slug.ft2"'), "says units that are not known, 'slug.ft2' of J: its numbers are taken as SI"),
+        (("rad", "rad"), ""),
+    ],
+)
+def test_a_unit_that_the_fmu_does_not_say_is_told(tmp_path, recording, change, sentence):
+    case = read_case(foreign_case(foreign_fmu(tmp_path, change=[change]), recording))
+    told = [note for note in plan_case(case, describe(case.fmu)).notes if "unit" in note]
+    assert sentence in "; ".join(told) if sentence else not told
 
 
 @pytest.mark.parametrize("declared", [True, pytest.param(False, marks=pytest.mark.full)])

@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from estimator.cases.si_units import NAMED
+from estimator.cases.unit_products import parse_product
 from estimator.recordings.units import SI_UNIT, examples, parse_unit, unit_of
 
 
@@ -78,3 +80,26 @@ def test_the_examples_of_a_quantity_are_units_of_it() -> None:
             unit = parse_unit(text)
             assert unit is not None, text
             assert unit.quantity == quantity
+
+
+@pytest.mark.parametrize(
+    ("text", "factor", "name"),
+    [
+        ("g*cm^2", 1e-7, "kg.m2"),
+        ("N*m/A", 1.0, "V.s/rad"),
+        ("mN.m.s/rad", 1e-3, "N.m.s/rad"),
+        ("N*m/(rad/s)", 1.0, "N.m.s/rad"),
+        ("V/krpm", 0.03 / math.pi, "V.s/rad"),
+        ("mWb", 1e-3, "V.s/rad"),
+        ("kg·m²·s⁻¹", 1.0, "N.m.s/rad"),
+    ],
+)
+def test_a_product_of_units_becomes_si(text: str, factor: float, name: str) -> None:
+    found = parse_product(text)
+    assert found is not None and found[0] == pytest.approx(factor, rel=1e-12)
+    assert NAMED[found[1]] == name
+
+
+@pytest.mark.parametrize("text", ["", "slug.ft2", "V/", "V..s", "(V", "V)", "V(s)", "m^999999", "degC/s"])
+def test_other_texts_are_no_product_of_units(text: str) -> None:
+    assert parse_product(text) is None

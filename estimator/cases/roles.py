@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from estimator.cases.si_units import in_si
+from estimator.cases.si_units import in_si, named
 from estimator.fmus.fmu import FmuDescription
 from estimator.fmus.variable import Variable
 from estimator.motor.names import MOTOR
@@ -15,14 +15,14 @@ _CLUES: dict[str, tuple[tuple[str, ...], tuple[str, ...], str, str]] = {
     "L": (("parameter",), ("H",), r"l|la|lm|ls|lw|inductance|ind", r"inductance|induktivit"),
     "K": (
         ("parameter",),
-        ("V.s/rad", "V.s", "N.m/A", "Wb"),
+        ("V.s/rad",),
         r"k|ke|km|kt|kv|ki|ce|cm|k_e|k_m|k_t|psi|kemf|ktau",
         r"torque constant|motor constant|emf|voltage constant|speed constant|flux",
     ),
     "J": (("parameter",), ("kg.m2",), r"j|jm|jr|ja|inertia|theta", r"inertia|trägheit"),
     "B": (
         ("parameter",),
-        ("N.m.s/rad", "N.m.s", "kg.m2/s"),
+        ("N.m.s/rad",),
         r"b|bm|c|d|f|dm|kd|damping|friction|viscous|mu",
         r"damping|viscous|friction|reibung",
     ),
@@ -87,13 +87,12 @@ def _points(variable: Variable, role: str) -> int:
     causalities, units, names, words = _CLUES[role]
     if variable.causality not in causalities:
         return 0
-    if variable.unit and variable.unit not in units and role not in ("K", "B"):
+    unit = named(variable.unit)
+    if unit and unit not in units:
         return 0
-    points = UNIT if variable.unit in units else 0
+    points = UNIT if unit in units else 0
     last = re.split(r"[.\[\]]", variable.name.lower().rstrip("]"))[-1]
     vague = not variable.unit and re.fullmatch(VAGUE.get(role, "(?!)"), last)
     points += NAME if re.fullmatch(names, last) and not vague else 0
     points += WORDS if re.search(words, variable.description.lower()) or re.search(words, last) else 0
-    if role in ("K", "B") and variable.unit and variable.unit not in units:
-        return 0
     return points + (OWN if points and variable.causality == "output" else 0)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.cases.case import ParameterSpec
+from estimator.cases.si_units import is_known
 from estimator.errors import InputError
 from estimator.fmus.variable import Variable, reach
 from estimator.motor.integral_least_squares import integral_estimate, sane, speed_estimate
@@ -111,6 +112,24 @@ def held_parameters(binding: Binding) -> tuple[str, ...]:
     more = f" and {len(held) - MOST_HELD} more" if len(held) > MOST_HELD else ""
     unless = " unless the recording shows another" if _may_show_another(binding) else ""
     return (f"held at the FMU's own value{unless}: {listed}{more}; name under [parameters] what is to be estimated",)
+
+
+def units_taken(binding: Binding) -> tuple[str, ...]:
+    """Return sentences about quantities of a motor whose unit the FMU does not say, or says as nobody knows it.
+
+    Where the case says a factor of one, its unit is settled.
+    """
+    if not binding.is_motor:
+        return ()
+    used = {p.name: binding.own[p.fmu[0]] for p in binding.free if p.name in MOTOR and not p.gains}
+    used |= {name: binding.signal(name) for name in binding.channels[0].inputs}
+    used |= {name: binding.signal(name) for name, spec in binding.outputs.items() if spec.gain is None}
+    path = binding.description.path.name
+    bare = ", ".join(name for name, v in used.items() if not v.unit)
+    unknown = ", ".join(f"{v.unit!r} of {name}" for name, v in used.items() if v.unit and not is_known(v))
+    told = [f"{path} says no unit of {bare}: taken as SI, here and in what is derived from it"] if bare else []
+    told += [f"{path} says units that are not known, {unknown}: its numbers are taken as SI"] if unknown else []
+    return tuple(told)
 
 
 def never_named(binding: Binding) -> tuple[str, ...]:

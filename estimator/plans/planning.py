@@ -16,7 +16,7 @@ from estimator.errors import CaseError, RecordingError, suggestion
 from estimator.fmus.fmu import FmuDescription
 from estimator.method_names import WITHOUT_POLISH
 from estimator.plans.binding import Binding, bind
-from estimator.plans.free_parameters import first_guess, free_parameters, held_parameters
+from estimator.plans.free_parameters import first_guess, free_parameters, held_parameters, units_taken
 from estimator.plans.observing import check_delay, observe, within
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import ChainSpec, Observed, Plan
@@ -88,7 +88,12 @@ def plan_case(
         fixed=binding.fixed,
         sensors=sensors,
         guess=guess,
-        notes=(*held_parameters(binding), *_copies(observed), *(note for o in observed for note in o.notes)),
+        notes=(
+            *units_taken(binding),
+            *held_parameters(binding),
+            *_copies(observed),
+            *(note for o in observed for note in o.notes),
+        ),
         chains=_chains(binding, observed),
         declared=_declared(binding, runs),
         wanted=_wanted(binding, runs),

@@ -62,9 +62,10 @@ SI_UNIT = {
     "speed": "m/s",
     "mass": "kg",
     "force": "N",
+    "magnetic flux": "Wb",
 }
 
-_PREFIXES = {"": (1.0, 1.0), "n": (1.0, 1e9), "u": (1.0, 1e6), "m": (1.0, 1e3), "k": (1e3, 1.0)}
+_PREFIXES = {"": (1.0, 1.0), "n": (1.0, 1e9), "u": (1.0, 1e6), "m": (1.0, 1e3), "c": (1.0, 1e2), "k": (1e3, 1.0)}
 
 # Symbols keep their case: mA is no MA. Each takes the prefixes of its string ("-" is none).
 _SYMBOLS = {
@@ -82,10 +83,11 @@ _SYMBOLS = {
     "kg.m2": ("inertia", "-"),
     "W": ("power", "-mk"),
     "Hz": ("frequency", "-k"),
-    "m": ("length", "-um"),
+    "m": ("length", "-umc"),
     "m/s": ("speed", "-m"),
     "kg": ("mass", "-"),
-    "N": ("force", "-mk"),
+    "N": ("force", "-umk"),
+    "Wb": ("magnetic flux", "-um"),
 }
 
 # Words in any case: (quantity, numerator, denominator, offset, spellings).
@@ -135,6 +137,7 @@ _WORDS: tuple[tuple[str, float, float, float, str], ...] = (
     ("count", 1, 1, 0, _COUNTS),
     ("count rate", 1, 1, 0, " ".join(f"{c}/{s}" for c in _PER_SECOND.split() for s in ("s", "sec", "second"))),
     ("mass", 1, 1e3, 0, "g"),
+    ("resistance", 1, 1, 0, "ohm ohms"),
 )
 
 
@@ -170,16 +173,21 @@ _REWRITTEN = (
 )
 
 
+def plain_text(text: str) -> str:
+    """Return a unit as it is written here: without blanks, with ``.`` for a product, ``u`` for µ, ``Ohm`` for Ω."""
+    key = text.strip()
+    for old, new in _REWRITTEN:
+        key = key.replace(old, new)
+    return re.sub(r"\s+", "", key)
+
+
 @cache
 def parse_unit(text: str, *, symbols_only: bool = False) -> Unit | None:
     """Return the unit that a text means, or None if it means none.
 
     With ``symbols_only`` a single letter must have its right case, so that the ``a`` of ``U_a`` is no ampere.
     """
-    key = text.strip()
-    for old, new in _REWRITTEN:
-        key = key.replace(old, new)
-    key = re.sub(r"\s+", "", key)
+    key = plain_text(text)
     found = _BY_SYMBOL.get(key)
     if found is None and not (symbols_only and len(key) < 2):
         found = _BY_WORD.get(key.lower())
