@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -227,6 +228,30 @@ def test_no_scheduler_is_said(monkeypatch):
         run_there("tcp://127.0.0.1:9")
     with pytest.raises(InputError, match=r"no scheduler answers there"):
         run_there("nonsense")
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (b"", "no scheduler answers there (nothing came for 0.5 s)"),
+        (b"HTTP/1.1 400 Bad Request\r\n", "is no scheduler"),
+    ],
+)
+def test_what_answers_and_is_no_scheduler_is_told_at_once(monkeypatch, words, sentence):
+    monkeypatch.setattr("estimator.batches.cluster.CONNECT", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer():
+            kept.append(server.accept()[0])
+            kept[0].sendall(words)
+
+        kept: list[socket.socket] = []
+        thread = threading.Thread(target=answer)
+        thread.start()
+        with pytest.raises(InputError, match=re.escape(sentence)):
+            run_there(f"tcp://127.0.0.1:{server.getsockname()[1]}")
+        thread.join()
+        kept[0].close()
 
 
 def test_without_dask_the_extra_is_named(monkeypatch):

@@ -4,9 +4,11 @@ import io
 import os
 import pty
 import termios
+import time
 
 import pytest
 
+from estimator.estimating import progress
 from estimator.estimating.progress import LiveLine, Progress, fitted, is_live, is_terminal, progress_line
 
 
@@ -30,8 +32,12 @@ def test_a_line_tells_phase_runs_rate_remaining_time_cost_and_values():
     ("event", "seconds", "line"),
     [
         (Progress("probe", 0), 0.0, "probe  0 simulations  time left not known"),
-        (Progress("polish", 500, 400), 10.0, "polish  500 simulations  50/s  time left not known"),
-        (Progress("search", 3, None, float("inf"), None), 6.0, "search  3 simulations  0.5/s  time left not known"),
+        (Progress("polish", 500, 400), 10.0, "polish  500 simulations  50/s  10 s so far, time left not known"),
+        (
+            Progress("search", 3, None, float("inf"), None),
+            6.0,
+            "search  3 simulations  0.5/s  6 s so far, time left not known",
+        ),
         (Progress("search", 100, 100_100), 10.0, "search  100 of 100100 simulations  10/s  2.8 h left"),
         (Progress("search", 100, 1_100), 10.0, "search  100 of 1100 simulations  10/s  2 min left"),
     ],
@@ -59,6 +65,26 @@ def test_a_shorter_line_covers_a_longer_one():
         clock.now += 0.2
         line(Progress("b", 1))
         assert stream.getvalue().endswith("\rb  1 simulations  time left not known" + " " * 11)
+
+
+def test_a_line_goes_on_while_nothing_is_simulated_until_it_is_wiped(monkeypatch):
+    monkeypatch.setattr(progress, "REPEAT", 0.02)
+    stream = io.StringIO()
+    with LiveLine(stream) as line:
+        line(Progress("rivals", 1))
+        assert waited(lambda: stream.getvalue().count("rivals") > 2)
+        line.wipe()
+        drawn = stream.getvalue()
+        time.sleep(0.06)
+        assert stream.getvalue() == drawn
+
+
+def waited(is_so):
+    """Return whether something becomes so within some seconds."""
+    end = time.monotonic() + 10
+    while not is_so() and time.monotonic() < end:
+        time.sleep(0.01)
+    return is_so()
 
 
 def test_nothing_is_written_when_nothing_happens():

@@ -7,6 +7,7 @@ run again elsewhere; that is Dask's doing.
 
 from __future__ import annotations
 
+import asyncio
 import atexit
 import contextlib
 import hashlib
@@ -48,11 +49,18 @@ def run_there(address: str) -> Callable[[Iterable[Task]], Iterator[tuple[Task, O
         from distributed import Client
     except ImportError:
         raise InputError(f"--dask needs Dask; {to_install('cluster')}") from None
-    try:
+    try:  # a client that finds none waits for itself for 20 s, and for ever for what accepts and says nothing
+        asyncio.run(asyncio.wait_for(_greet(address), CONNECT))
         client = Client(address, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
+        why = str(error) or f"nothing came for {CONNECT} s"
         raise InputError(
-            f"--dask {address}: no scheduler answers there ({error}); start one with: dask scheduler"
+            f"--dask {address}: no scheduler answers there ({why}); start one with: dask scheduler"
+        ) from None
+    except Exception:  # whatever Dask's protocol makes of another's words
+        raise InputError(
+            f"--dask {address}: what answers there is no scheduler; give the address that dask scheduler prints, not"
+            " that of its dashboard"
         ) from None
     try:
         _check_workers(client, address)
@@ -60,6 +68,16 @@ def run_there(address: str) -> Callable[[Iterable[Task]], Iterator[tuple[Task, O
         client.close()
         raise
     return lambda tasks: _outcomes(client, tasks)
+
+
+async def _greet(address: str) -> None:
+    """Exchange the first words with a scheduler."""
+    from distributed.comm.core import connect
+    from distributed.security import Security
+
+    with _without_tracebacks():
+        comm = await connect(address, timeout=CONNECT, **Security().get_connection_args("client"))
+    comm.abort()
 
 
 def _check_workers(client: Any, address: str) -> None:

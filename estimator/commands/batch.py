@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from estimator.commands.sources import filled_in
 from estimator.commands.terminal import FAILED, INTERRUPTED, OK, PROGRAM, complain, say
 from estimator.errors import InputError
-from estimator.estimating.progress import LiveLine, batch_line, is_live
+from estimator.estimating.progress import LiveLine, batch_line, is_live, stage_line
 
 if TYPE_CHECKING:
     from estimator.batches.batch import Run
@@ -34,9 +34,6 @@ def batch(args: argparse.Namespace) -> int:
     for _, outcome in cases.unread:
         complain(outcome.row["reasons"][0])
     kind: Kind | None = "monte-carlo" if args.monte_carlo else "bootstrap" if args.bootstrap else None
-    if kind is not None:
-        cases = repeated(cases, kind=kind, count=args.monte_carlo or args.bootstrap)
-    cases = with_reports(cases, args.report_of)
     folder = Path(args.output)
     live = LiveLine(sys.stderr) if is_live(sys.stderr) and not args.quiet else None
 
@@ -44,8 +41,18 @@ def batch(args: argparse.Namespace) -> int:
         if live is not None:
             live.draw(lambda s: batch_line(done=p.done, total=p.total, kept=p.kept, verdicts=p.verdicts, seconds=s))
 
+    def begin(what: str) -> None:
+        if live is not None:
+            live.draw(lambda s: stage_line(what, seconds=s))
+
     try:
         with live or contextlib.nullcontext():
+            if kind is not None:
+                begin("fits to be repeated")
+                cases = repeated(cases, kind=kind, count=args.monte_carlo or args.bootstrap)
+            cases = with_reports(cases, args.report_of)
+            if args.dask is not None:
+                begin(f"connection with {args.dask}")
             how: dict[str, Any] = {"resume": args.resume, "parquet": args.parquet, "command": _batch_command(args)}
             result = run_batch(cases, folder, _runner(args), progress=show, **how)
     except KeyboardInterrupt:
