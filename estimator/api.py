@@ -162,7 +162,7 @@ def estimate_parameters(
     if time is not None or arrays:
         if source is not None:
             raise InputError("signals are given twice, as a source and as arrays; leave one out")
-        source = recording_of_arrays(time, arrays)
+        source = recording_of_arrays(time, arrays, fixed=fix if isinstance(fix, Mapping) else ())
     if source is None:
         raise InputError("nothing to estimate from; give a recording's file, a table, or the arrays time, v, i, w")
     said = reading(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,10 +75,22 @@ def _recordings(thing: Any, said: ReadAs, *, name: str) -> list[Path | Recording
     return [Path(file) for file in expanded([os.fspath(thing)])]
 
 
-def recording_of_arrays(time: ArrayLike | None, arrays: Mapping[str, ArrayLike]) -> Recording:
-    """Return arrays in SI units as a recording; `arrays` are by the names of SIGNALS."""
+def recording_of_arrays(
+    time: ArrayLike | None, arrays: Mapping[str, ArrayLike], *, fixed: Collection[str] = ()
+) -> Recording:
+    """Return arrays in SI units as a recording; `arrays` are by the names of SIGNALS, `fixed` is what has one value.
+
+    Raises
+    ------
+    InputError
+        The time is missing, the voltage, or all that is measured; or one of them is no (n,) array.
+    """
+    asked = "time=, v= and i= or w=, each (n,) in SI units"
     if time is None or not arrays:
-        missing = "the signals are" if not arrays else "time is"
-        raise InputError(f"{missing} missing; give time=, v= and i= or w=, each (n,) in SI units")
+        raise InputError(f"{'the signals are' if not arrays else 'time is'} missing; give {asked}")
+    if not {"i", "w", "angle"} & arrays.keys():
+        raise InputError(f"nothing is measured: i, w and angle are missing; give {asked}")
+    if not {"v"} & {*arrays, *fixed}:
+        raise InputError(f"v is missing; give {asked}, or fix={{'v': 10.5}} where the voltage was constant")
     headers = dict(zip(SIGNALS, ARRAYS, strict=True))
     return recording_from_arrays("arrays", time, {headers[name]: array for name, array in arrays.items()})

@@ -64,7 +64,7 @@ def suggestion(name: str, known: Iterable[str], *, among: Sequence[str] | None =
     nearest = get_close_matches(name, meant, n=1, cutoff=0.5)
     if not nearest:
         nearest = [n for n in meant if n.lower() == name.lower()]
-    listed = ", ".join(names[:20]) + (", …" if len(names) > 20 else "")
+    listed = (", ".join(names[:20]) or "there is none") + (", …" if len(names) > 20 else "")
     return (f"; did you mean {nearest[0]!r}?" if nearest else "") + f" ({listed})"
 
 

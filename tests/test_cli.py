@@ -20,15 +20,12 @@ import estimator.estimating.estimate
 import estimator.fmus.fmu
 import estimator.fmus.probe
 import estimator.fmus.simulate
-from estimator.cases import case
 from estimator.cases.case import Case, ParameterSpec, SearchSpec
 from estimator.cli import main
-from estimator.commands.argument_groups import KINDS
 from estimator.errors import InputError, SimulationError
 from estimator.estimating.progress import Progress
 from estimator.fmus.fmu import FmuDescription
 from estimator.fmus.variable import Variable
-from estimator.method_names import METHODS
 from estimator.recordings.reading import read_recording
 
 ROOT = Path(__file__).parent.parent
@@ -688,8 +685,3 @@ def test_the_demo_does_not_write_among_other_files(calls, capsys, tmp_path):
     assert fails(capsys, "demo", "-o", ".") == (
         ". already holds other files (thesis.tex); give -o an empty or a new folder"
     )
-
-
-def test_the_methods_of_the_command_line_are_those_of_a_case_file():
-    assert case.METHODS == METHODS
-    assert case.FMI_KINDS == KINDS

@@ -137,6 +137,8 @@ def test_several_recordings_of_any_kind_are_fitted_together(bench, tmp_path):
         ({}, ValueError, "nothing to estimate from; give a recording's file"),
         ({"v": V}, ValueError, "time is missing; give time=, v= and i= or w="),
         ({"time": TIME}, ValueError, "the signals are missing; give time="),
+        ({"time": TIME, "v": V}, ValueError, "nothing is measured: i, w and angle are missing; give time=, v= and"),
+        ({"time": TIME, "w": V}, ValueError, "v is missing; give time=, v= and i= or w="),
         ({"source": "x.csv", "time": TIME}, ValueError, "signals are given twice, as a source and as arrays"),
         ({"source": []}, ValueError, "the list of recordings is empty"),
         ({"source": np.eye(4)}, ValueError, "ndarray is no recording; give a file, a DataFrame, a mapping such as"),

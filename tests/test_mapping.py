@@ -240,6 +240,13 @@ def test_a_bare_recording_with_a_foreign_fmu_is_told_of_init(plain_fmu, recordin
     assert main(command[1:]) == 0 and main(["estimate", command[-1], "--json"]) == 0
 
 
+def test_an_fmu_without_outputs_is_said_to_have_none(recording, capsys, tmp_path):
+    change = [('name="u_in"', 'name="v"'), ('causality="output"', 'causality="local"')]
+    fmu = foreign_fmu(tmp_path, change=[*change, ("<Outputs>.*</Outputs>", "")])
+    assert main(["estimate", str(recording), "--fmu", str(fmu)]) == 2
+    assert "foreign.fmu has no output 'i' (there is none); a case file says which" in capsys.readouterr().err
+
+
 def test_an_fmu_without_inputs_is_said_to_be_none_that_a_voltage_can_drive(recording, capsys, tmp_path):
     ball = tmp_path / "ball.fmu"
     fmu_build.build(Path(__file__).parent / "models" / "bouncing.c", output=ball)

@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from estimator.app.place import Place
-from estimator.cases.case import FMI_KINDS, LOSSES, METHODS, Case, OutputSpec, ParameterSpec, RunSpec
+from estimator.cases.case import Case, OutputSpec, ParameterSpec, RunSpec
 from estimator.cases.strict_toml import number_in
+from estimator.choices import FMI_KINDS, LOSSES
 from estimator.errors import InputError
 from estimator.fmus.fmu import FmuDescription
 from estimator.fmus.variable import Variable
+from estimator.method_names import METHODS
 from estimator.motor.names import MOTOR, has_motor
 from estimator.plans.binding import usual_parameters
 from estimator.plans.parameters import Parameter

@@ -43,16 +43,15 @@ from estimator.cases.nameplate import NAMEPLATE, Nameplate, read_nameplate
 from estimator.cases.starts import STARTS, Start
 from estimator.cases.strict_toml import Cell, Document, Table, Way
 from estimator.cases.tolerance import TOLERANCE, Tolerance, read_tolerances
+from estimator.choices import FMI_KINDS, LOSSES
 from estimator.errors import CaseError
 from estimator.locked import Locked
 from estimator.method_names import CUCKOO, METHODS
 from estimator.recordings.filters import Chebyshev1
 
-FMI_KINDS = ("co-simulation", "model-exchange")
-LOSSES = ("linear", "huber")
 MOST_SEARCHED = 1_000_000  # nests, and generations: more are a slip, and nests are held in memory
 BUNDLED_FMU = "dc_motor"
-__all__ = ["METHODS", "Chebyshev1", "Expectation", "OutputSpec", "RunSpec"]  # of others, for who takes a case
+__all__ = ["Chebyshev1", "Expectation", "OutputSpec", "RunSpec"]  # of others, for who takes a case
 
 
 @dataclass(frozen=True)

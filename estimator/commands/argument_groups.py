@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any
 
+from estimator.choices import FMI_KINDS
 from estimator.commands.argument_values import metres, positive, text_assignment
 
-KINDS = ("co-simulation", "model-exchange")  # as in fmu.py
 REPEATABLE: dict[str, Any] = {"action": "append", "default": []}  # an option whose values are collected
 
 
@@ -38,7 +38,7 @@ def add_kind(parser: argparse.ArgumentParser) -> None:
     """Add the option that says as what an FMU is run."""
     parser.add_argument(
         "--kind",
-        choices=KINDS,
+        choices=FMI_KINDS,
         metavar="KIND",
         help="co-simulation or model-exchange, of an FMU that offers both (default: co-simulation, which brings its own"
         " solver)",

@@ -94,9 +94,13 @@ def window(text: str) -> tuple[float, float]:
 
 def temperature(text: str) -> float:
     """Read a temperature in degrees Celsius."""
+    from estimator.motor.winding import COLDEST, HOTTEST
+
     value = _number(text, of=text)
-    if not -200 < value < 500:  # as in winding.py
-        raise argparse.ArgumentTypeError(f"{text!r} is no temperature of a winding; give degrees Celsius, -200 to 500")
+    if not COLDEST < value < HOTTEST:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no temperature of a winding; give degrees Celsius, {COLDEST:g} to {HOTTEST:g}"
+        )
     return value
 
 

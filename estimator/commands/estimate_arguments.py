@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from estimator.choices import LOSSES
 from estimator.commands.argument_groups import REPEATABLE, add_kind, add_quiet, add_reading, command
 from estimator.commands.argument_values import (
     assignment,
@@ -19,8 +20,6 @@ from estimator.commands.argument_values import (
 )
 from estimator.commands.terminal import PROGRAM
 from estimator.method_names import METHODS
-
-LOSSES = ("linear", "huber")  # as in case.py
 
 
 def add_demo(commands: Any) -> None:

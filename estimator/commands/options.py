@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from estimator.choices import LOSSES
 from estimator.errors import FmuError, InputError, suggestion
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 
@@ -49,11 +50,8 @@ def with_options(
     search = case.search
     search = dataclasses.replace(search, method=search.method if method is None else method)
     search = dataclasses.replace(search, seed=search.seed if seed is None else seed)
-    if loss is not None:
-        from estimator.cases.case import LOSSES
-
-        if loss not in LOSSES:
-            raise InputError(f"there is no loss {loss!r}{suggestion(loss, LOSSES)}")
+    if loss is not None and loss not in LOSSES:
+        raise InputError(f"there is no loss {loss!r}{suggestion(loss, LOSSES)}")
     search = dataclasses.replace(search, loss=search.loss if loss is None else loss)
     search = dataclasses.replace(search, starts=(*search.starts, *starts))
     case = dataclasses.replace(case, search=search)
