@@ -518,7 +518,7 @@ COMPLAINTS: dict[str, tuple[str | bytes, str]] = {
     ),
     "same name twice": (
         with_header("time [s],current [A],current [A],speed [rad/s]"),
-        "run3.csv line 1: two columns are called 'current [A]'; give each its own name",
+        "run3.csv line 1: two columns are called 'current [A]'; give each its own name, or say by their numbers what",
     ),
     "too short": (
         "\n".join([HEADER, *ROWS[: MIN_SAMPLES - 1]]),
@@ -905,3 +905,18 @@ def test_headers_of_russian_logs_are_known(tmp_path: Path) -> None:
     read = read_recording(path)
     found = motor_columns(read)
     assert [read.signal(found[role])[0] for role in ("v", "i", "w")] == pytest.approx([12.0, 0.25, np.pi])
+
+
+def test_columns_of_one_name_are_told_apart_by_their_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "logger.csv"
+    path.write_text("time,value,value,value\n" + "".join(f"{k / 100},{k % 2},{k},{-k}\n" for k in range(40)))
+    read = read_recording(path, ReadAs(columns={"v": "2", "i": "3"}))
+    assert [read.headers[read.roles[name]] for name in ("v", "i")] == ["column 2: value", "column 3: value"]
+    assert read.signal("column 3: value")[7] == 7 and read.signal("value")[7] == -7
+
+
+def test_what_a_logger_without_power_leaves_behind_the_last_row_is_no_text(tmp_path: Path) -> None:
+    path = tmp_path / "logger.csv"
+    rows = "".join(f"{k / 100},{k % 2},{k}\n" for k in range(40))
+    path.write_bytes(f"time [s],voltage [V],current [A]\n{rows}".encode() + bytes(4096))
+    assert len(read_recording(path).time) == 40

@@ -64,6 +64,25 @@ def _with_clock_counted_on(raw: RawTable, read_as: ReadAs) -> RawTable:
     return raw
 
 
+def _told_apart(headers: Sequence[Header], read_as: ReadAs, where: str) -> list[Header]:
+    """Return headers each with its own text: of several of one text, those that the user names by number have it."""
+    written = [header.text for header in headers]
+    alike = {text for text in written if written.count(text) > 1}
+    numbers = {int(number) - 1 for number in read_as.numbers}
+    headers = [
+        replace(header, text=f"column {j + 1}: {header.text}") if header.text in alike and j in numbers else header
+        for j, header in enumerate(headers)
+    ]
+    written = [header.text for header in headers]
+    again = next((j for j, text in enumerate(written) if written.count(text) > 1), None)
+    if again is not None:
+        raise RecordingError(
+            f"{where}: two columns are called {written[again]!r}; give each its own name, or say by their numbers what"
+            f" they are, as in --column v={again + 1}"
+        )
+    return list(headers)
+
+
 def _times_not_used(raw: RawTable, rate: float) -> Iterator[str]:
     """Say which column of times a rate, Hz, is used instead of, and which rate these tell, if it is another."""
     for text, column in zip(raw.texts, raw.columns, strict=True):
@@ -91,10 +110,7 @@ def recording_of(raw: RawTable, read_as: ReadAs) -> Recording:
     raw, not_read = _without_times_again(raw, read_as, not_read)
     columns, where, place = raw.columns, raw.where, raw.place
     headers, given = read_as.headers(raw.texts, where=where)
-    written = [header.text for header in headers]
-    for text in written:
-        if written.count(text) > 1:
-            raise RecordingError(f"{where}: two columns are called {text!r}; give each its own name")
+    headers = _told_apart(headers, read_as, where)
     clock, time_unit = time_column(headers, where, read_as)
     names = [header.name for header in headers]
     names = [h.text if names.count(h.name) > 1 else h.name for h in headers]

@@ -33,7 +33,7 @@ def read_text(path: Path) -> tuple[str, str]:
     encodings: tuple[str, ...] = ("utf-8", "latin-1")
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         encodings = ("utf-16",)
-    elif len(data) != len(data.translate(None, _CONTROL)):
+    elif len(data := data.rstrip(b"\0")) != len(data.translate(None, _CONTROL)):
         if data.startswith((b"\x1f\x8b", b"PK\3\4")):
             raise RecordingError(f"{path.name} is compressed; unpack it, and give the file that was in it")
         raise RecordingError(f"{path.name} is not a text file; export the recording as CSV")
