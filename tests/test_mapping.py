@@ -265,6 +265,11 @@ WRONG = {
     "estimated integer": ('fmu = "motor.c"', 'fmu = "friction"', "'friction' of foreign.fmu is Enumeration; only real"),
     "kind not offered": ("[inputs]", 'kind = "model-exchange"\n[inputs]', "offers no model-exchange, only co-simul"),
     "no factor": ('["motor.Ke", "motor.Km"]', "{{ }}", "parameters.K.fmu is empty; write { Ke = 1, Km = 1 }"),
+    "a column twice": (
+        "[outputs]",
+        '[outputs]\nn = {{ column = "speed", fmu = "shaft.w" }}',
+        "is compared with n and w,",
+    ),
     "factor 0": ('["motor.Ke", "motor.Km"]', '{{ "motor.Ke" = 0 }}', "parameters.K.fmu.motor.Ke is 0"),
 }
 

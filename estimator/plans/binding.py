@@ -231,7 +231,10 @@ def _usual_outputs(names: Binding, roles: Mapping[str, str]) -> dict[str, str]:
 
 
 def _check_channels(names: Binding, channels: Sequence[Channels], recordings: Sequence[Recording]) -> None:
-    """Refuse an input that is driven and fixed, names of no variable, recordings of other channels than the first."""
+    """Refuse an input that is driven and fixed, names of no variable, a column that is compared twice.
+
+    And recordings of other channels than the first.
+    """
     first, title = channels[0], recordings[0].title
     for own, recording in zip(channels, recordings, strict=True):
         for name, column in own.inputs.items():
@@ -239,6 +242,13 @@ def _check_channels(names: Binding, channels: Sequence[Channels], recordings: Se
                 raise InputError(
                     f"the input {name!r} is fixed, but {recording.title} has it in the column {column!r};"
                     " leave the fixed value out, or name the columns to use in a case file"
+                )
+        compared: dict[str, str] = {}
+        for name, column in own.outputs.items():
+            if (other := compared.setdefault(column, name)) != name:
+                raise CaseError(
+                    f"the column {column!r} of {recording.title} is compared with {other} and {name}, so its noise"
+                    " would count as two; leave one of them out"
                 )
         if tuple(own.outputs) != tuple(first.outputs):
             raise RecordingError(
