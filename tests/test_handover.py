@@ -168,6 +168,13 @@ def test_the_modelica_modifier_goes_down_into_components():
     assert line == "(drive(motor(R=1.25, Ke=0.5), n=3), L=0.007759, J=0.000136, B=0.000678)"
 
 
+def test_the_modelica_modifier_leaves_out_what_modelica_cannot_name():
+    made = with_parameter(found(), "K", settings=(Setting("motor[1].K", 0.5, ""), Setting("'K.1'.value", 0.5, "")))
+    lines = handover.modelica_modifier(made).decode().splitlines()
+    assert lines[2].startswith("(R=") and "'K.1'(value=0.5)" in lines[2] and "motor" not in lines[2]
+    assert lines[3] == "// Not set, as no modifier can: motor[1].K = 0.5"
+
+
 def test_the_table_reads_back_to_the_bit():
     rows = list(csv.DictReader(io.StringIO(handover.csv_table(found()).decode())))
     assert {row["parameter"]: float(row["value"]) for row in rows} == FOUND

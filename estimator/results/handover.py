@@ -21,6 +21,8 @@ from estimator.results.result import DerivedQuantity, Estimate, ParameterEstimat
 from estimator.results.result_json import json_ready, to_mapping
 from estimator.results.spreadsheet_cells import harmless
 
+MODELICA_PART = re.compile(r"[A-Za-z_]\w*|'(?:[^'\\]|\\.)+'", re.ASCII)  # a component's name, plain or quoted
+MODELICA_NAME = re.compile(rf"(?:{MODELICA_PART.pattern})(?:\.(?:{MODELICA_PART.pattern}))*", re.ASCII)
 MSL = {  # what takes each value in a motor made of the Modelica Standard Library
     "R": "Modelica.Electrical.Analog.Basic.Resistor resistor(R={})",
     "L": "Modelica.Electrical.Analog.Basic.Inductor inductor(L={})",
@@ -122,8 +124,14 @@ def modelica_modifier(estimate: Estimate) -> bytes:
     """Return a modifier of the model behind the FMU, and the same values for the Modelica Standard Library's parts."""
     lines = [f"// {line}" for line in _heading(estimate)]
     settings = [s for p in estimate.parameters.values() for s in p.set_in_fmu if s.type in ("Real", "Integer")]
-    lines += ["// Put behind the model's name, as in: MyMotor motor" + _modifier(settings) + ";"]
-    lines += [_modifier(settings)]
+    named = [s for s in settings if MODELICA_NAME.fullmatch(s.variable)]
+    lines += ["// Put behind the model's name, as in: MyMotor motor" + _modifier(named) + ";"]
+    lines += [_modifier(named)]
+    lines += [
+        f"// Not set, as no modifier can: {' '.join(s.variable.split())} = {_number(s.value)}"
+        for s in settings
+        if s not in named
+    ]
     values = {n: p.value for n, p in estimate.parameters.items()}
     if is_motor(values):
         lines += ["", "// The same motor from parts of the Modelica Standard Library:"]
@@ -236,7 +244,7 @@ def _modifier(settings: list[Setting]) -> str:
     """Return ``(R=3.1, drive(K=0.05))``: a dot in a name is a component of the model."""
     tree: dict[str, Any] = {}
     for setting in settings:
-        *path, last = setting.variable.split(".")
+        *path, last = MODELICA_PART.findall(setting.variable)
         branch = tree
         for part in path:
             branch = branch.setdefault(part, {})
