@@ -189,6 +189,13 @@ def test_a_process_of_its_own_for_every_simulation_gives_the_same(tmp_path):
     assert np.array_equal(good["shaft.w"], again["shaft.w"])
 
 
+def test_an_output_that_is_no_number_repeats_itself(tmp_path):
+    body = "fmi2Status s = ORIGINAL; for (size_t k = 0; k < n; k++) values[k] = 0.0 / 0.0; return s;"
+    found = probe(describe(faulty_fmu(tmp_path, GetReal=body)), thorough=False)
+    assert found.restart == "reset"
+    assert any("an output becomes infinite or not a number" in sentence for sentence in found.findings)
+
+
 def test_an_output_that_differs_in_every_run_is_named_and_the_others_are_compared(tmp_path):
     angle = describe("dc_motor").variable("angle").value_reference
     clock = "static double t; t += 1e-9 * getpid(); values[k] = t;"

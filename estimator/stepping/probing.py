@@ -189,11 +189,13 @@ class Prober:
         return self.first
 
     def _same(self, rows: Rows, others: Rows) -> bool:
-        """Whether two runs read the same, but for what differs in every run."""
-        if not self.volatile:
-            return rows == others
+        """Whether two runs read the same, but for what differs in every run; what is no number in both is the same."""
         kept = [j for j in range(len(others[0])) if j not in self.volatile]
-        return [[r[j] for j in kept] for r in rows] == [[r[j] for j in kept] for r in others]
+        return len(rows) == len(others) and all(
+            r[j] == o[j] or (math.isnan(r[j]) and math.isnan(o[j]))
+            for r, o in zip(rows, others, strict=True)
+            for j in kept
+        )
 
     def _disturb(self) -> None:
         """Run with other parameters, so that there is something to forget."""
