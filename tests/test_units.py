@@ -91,6 +91,8 @@ def test_the_examples_of_a_quantity_are_units_of_it() -> None:
         ("N*m/(rad/s)", 1.0, "N.m.s/rad"),
         ("V/krpm", 0.03 / math.pi, "V.s/rad"),
         ("mWb", 1e-3, "V.s/rad"),
+        ("g cm²", 1e-7, "kg.m2"),
+        ("mV per rpm", 0.03 / math.pi, "V.s/rad"),
         ("kg·m²·s⁻¹", 1.0, "N.m.s/rad"),
     ],
 )
@@ -100,6 +102,6 @@ def test_a_product_of_units_becomes_si(text: str, factor: float, name: str) -> N
     assert NAMED[found[1]] == name
 
 
-@pytest.mark.parametrize("text", ["", "slug.ft2", "V/", "V..s", "(V", "V)", "V(s)", "m^999999", "degC/s"])
+@pytest.mark.parametrize("text", ["", "slug.ft2", "V/", "V..s", "(V", "V)", "V(s)", "V 12", "m^999999", "degC/s"])
 def test_other_texts_are_no_product_of_units(text: str) -> None:
     assert parse_product(text) is None

@@ -28,6 +28,7 @@ _SI: dict[str, Exponents] = {
     "N": (("kg", 1), ("m", 1), ("s", -2)),
 }
 HIGHEST = 9  # exponent of a unit
+_BETWEEN = re.compile(r"(?<=[^\W_])\s+(?=[^\W_])")  # a blank that stands for a product
 _TOKEN = re.compile(r"[()./]|[^\W\d]+|[+-]?\d+")
 
 
@@ -37,7 +38,7 @@ def parse_product(text: str) -> tuple[float, Exponents] | None:
 
     It is read from left to right, so that N*m/rad*s is N.m.s/rad.
     """
-    key = plain_text(text)
+    key = plain_text(_BETWEEN.sub(".", text.strip().replace(" per ", "/")))
     tokens = _TOKEN.findall(key)
     if not tokens or "".join(tokens) != key:
         return None
