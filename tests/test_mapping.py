@@ -97,6 +97,15 @@ def test_an_output_in_degrees_is_compared_with_radians(tmp_path, recording, decl
     assert worst(estimate(read_case(foreign_case(fmu, recording, text=text)))) < 1e-8
 
 
+def test_an_output_that_counts_the_other_way_is_told_before_the_search_and_turned_by_a_gain(tmp_path, recording):
+    fmu = foreign_fmu(tmp_path, "REVERSED")
+    refused = estimate(read_case(foreign_case(fmu, recording)))
+    assert refused.verdict == "refused" and "search" not in refused.simulations_by_phase
+    assert "foreign.fmu counts i the other way than the recording: say gain = -1 of i under" in refused.reasons[0]
+    turned = CASE.replace('fmu = "motor.ia" ', 'fmu = "motor.ia", gain = -1 ')
+    assert worst(estimate(read_case(foreign_case(fmu, recording, text=turned)))) < 1e-8
+
+
 def test_roles_shorten_the_search_on_foreign_names(plain_fmu, recording):
     dimensions = []
     for text in (CASE, CASE.replace("R = {{ fmu", "Ra = {{ min = 0.1, max = 30, fmu")):
@@ -270,6 +279,7 @@ WRONG = {
         '[outputs]\nn = {{ column = "speed", fmu = "shaft.w" }}',
         "is compared with n and w,",
     ),
+    "gain 0": ('fmu = "motor.ia"', 'fmu = "motor.ia", gain = 0', "outputs.i.gain is 0, which leaves nothing"),
     "factor 0": ('["motor.Ke", "motor.Km"]', '{{ "motor.Ke" = 0 }}', "parameters.K.fmu.motor.Ke is 0"),
 }
 

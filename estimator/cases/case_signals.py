@@ -187,7 +187,7 @@ OUTPUT = Keys(
     average=_average("samples of a running mean that the logger took; default: by the data"),
     filter=_filter("that the measurement went through; the model goes through it too"),
     both=_filter("that is applied here, to measurement and model"),
-    gain=keys.value("of the sensor", above=0),
+    gain=keys.value("of the sensor; -1: the FMU counts the other way", never=0),
     offset=keys.value("of the sensor, SI"),
     delay=keys.value("of this channel beyond the recording's, s"),
     quantum=keys.number("step of the quantisation, SI; default: by the data", above=0),

@@ -119,15 +119,23 @@ def flag(about: str) -> Key:
     return Key(lambda table, key: table.flag(key), {"type": "boolean", "description": about})
 
 
-def value(about: str, *, above: float | None = None) -> Key:
-    """Return the key of a number (held) or "free" (estimated); not given: found in the data where it shows."""
-    limits = {} if above is None else {"exclusiveMinimum": above}
+def value(about: str, *, never: float | None = None) -> Key:
+    """Return the key of a number (held) or "free" (estimated); not given: found in the data where it shows.
+
+    `never` is the number that makes no sense.
+    """
+    limits = {} if never is None else {"not": {"const": never}}
 
     def read(table: Table, key: str) -> Value:
         given = table.value[key]
         if isinstance(given, str) and given != FREE and not isinstance(given, Cell):
             table.fail((key,), f'{table.full(key)} must be a number, or "free" to estimate it')
-        return FREE if given == FREE else table.number(key, above=above)
+        if given == FREE:
+            return FREE
+        number = table.number(key)
+        if number == never:
+            table.fail((key,), f"{table.full(key)} is {number:g}, which leaves nothing; give another number")
+        return number
 
     return Key(
         read,

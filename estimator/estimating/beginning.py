@@ -9,6 +9,7 @@ from estimator.fitting.problem import SIGMA_FLOOR, Problem
 from estimator.judging.identifiability import identifiability
 from estimator.judging.jumps import jumping
 from estimator.judging.refusal import lost_transients, refusal, refused_notes
+from estimator.judging.reversed_outputs import reversed_outputs
 from estimator.judging.sensitivities import announcement, unmoved
 from estimator.method_names import WITHOUT_POLISH
 from estimator.motor.names import MOTOR
@@ -32,7 +33,7 @@ def begin(session: Session) -> Estimate | None:
 
 
 def _unmoved(session: Session) -> list[str]:
-    """Return why a parameter cannot be estimated; the bundled motor's all move current and speed."""
+    """Return why the FMU cannot be estimated; the bundled motor's parameters all move current and speed."""
     plan = session.plan
     probed = plan.description.probe_simulations
     if probed:
@@ -42,6 +43,7 @@ def _unmoved(session: Session) -> list[str]:
         return []
     session.account.enter("probe")
     sentences, seconds = unmoved(session.problem, session.start)
+    sentences = sentences or reversed_outputs(session.problem, session.start)
     if not sentences and session.method not in WITHOUT_POLISH:
         session.identifiability = identifiability(session.problem, session.start)
         session.jumping = jumping(session.problem, session.start)

@@ -167,6 +167,9 @@ static int advance(Motor *m, double time, double h) {
 /* What is shown and taken may be in other units: rpm, mA, mH; degrees. */
 static double shown(const Motor *m, unsigned reference) {
     double value = reference == POWER ? m->values[U] * m->values[CURRENT] : m->values[reference];
+#ifdef REVERSED
+    if (reference == CURRENT) value = -value;
+#endif
 #ifdef DEGREES
     if (reference == SPEED) value *= 180 / 3.14159265358979323846;
 #endif
