@@ -59,7 +59,7 @@ def to_install(extra: str) -> str:
 
 def suggestion(name: str, known: Iterable[str], *, among: Sequence[str] | None = None) -> str:
     """Return ``"; did you mean 'R'? (R, K, L)"``: the nearest known name, of those that may be meant, then all."""
-    names = list(known)
+    names, name = list(known), str(name)  # Python's callers may give a number
     meant = names if among is None else among
     nearest = get_close_matches(name, meant, n=1, cutoff=0.5)
     if not nearest:

@@ -138,6 +138,8 @@ def test_several_recordings_of_any_kind_are_fitted_together(bench, tmp_path):
         ({"v": V}, ValueError, "time is missing; give time=, v= and i= or w="),
         ({"time": TIME}, ValueError, "the signals are missing; give time="),
         ({"time": TIME, "v": V}, ValueError, "nothing is measured: i, w and angle are missing; give time=, v= and"),
+        ({"time": TIME, "v": V, "i": V, "method": 3}, ValueError, r"there is no method 3 \(cuckoo, paper"),
+        ({"time": TIME, "v": V, "i": V, "loss": 3}, ValueError, r"there is no loss 3 \(linear, huber\)"),
         ({"time": TIME, "w": V}, ValueError, "v is missing; give time=, v= and i= or w="),
         ({"source": "x.csv", "time": TIME}, ValueError, "signals are given twice, as a source and as arrays"),
         ({"source": []}, ValueError, "the list of recordings is empty"),
