@@ -16,6 +16,7 @@ from estimator.noise.clock import Clock
 from estimator.noise.noise_model import NoiseModel
 from estimator.noise.whitener import Whitener
 from estimator.recordings.reading import recording_from_arrays
+from estimator.stepping import layout
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -44,7 +45,8 @@ def test_the_response_to_a_resistance_that_changes_with_the_angle_is_the_equatio
     plain, x = turning(n, 0.0, 0.0), turning(n, change, phase)
     names = tuple(MOTOR)
     simulator = SimpleNamespace(
-        plan=SimpleNamespace(fixed={}, observed=[None], chains={}), names=names, rows=n,
+        plan=SimpleNamespace(fixed={}, observed=[None], chains={}, sensors=dict.fromkeys("iw", layout.IDENTITY)),
+        names=names, rows=n,
         index={name: k for k, name in enumerate(names)},
         outputs=("i", "w"), observed=[SimpleNamespace(inputs={"v": np.full(n, VOLTS)})], nuisances=(),
         clocks=(Clock(STEP * np.arange(n), slice(0, n)),),

@@ -14,19 +14,24 @@ from numpy.typing import NDArray
 
 from estimator.fitting.fit import Fit
 from estimator.fitting.lateness import acting, channel_delay
-from estimator.fitting.simulator import per_recording
+from estimator.fitting.simulator import Simulator, per_recording
 from estimator.motor.exponential import exponential
 from estimator.motor.names import MOTOR, is_motor
-from estimator.motor.state_space import coasting, matrices, sampled
+from estimator.motor.state_space import coasting, matrices, sampled_with_angle
 from estimator.noise.clock import Clock
 from estimator.noise.kalman import filters
+from estimator.noise.recursion import recursion
+from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
+Openings = NDArray[np.uint8]  # of each row: 0, OPEN or ENDS
 
 SEATS = {"i": 0, "w": 1, "angle": 2}
+STATES, MEAN_SPEED = (0, 1, 2), 3  # seats of response_run
 COASTS = "coasts"  # 1: the drive opens the circuit where its command is zero
 ONE_WAY = "one_way"  # 1: the drive lets no current flow back
 FINELY = 8  # parts of a row, where the voltage moves within it
+OPEN, ENDS = 1, 2  # no current flows in a row, or one that still flows at its instant ends within it
 NO_CURRENT = 1e-3  # of the largest: less is none, where no current flows back
 
 
@@ -44,15 +49,22 @@ def _motor_values(fit: Fit) -> Mapping[str, float] | None:
 
 
 def speed_of(fit: Fit, shown: FloatArray) -> FloatArray | None:
-    """Return the speed of shown signals, (rows, q), rad/s, or that of their angle; None where neither is compared."""
-    outputs = fit.simulator.outputs
-    if "w" in outputs:
-        return shown[:, outputs.index("w")]
-    if "angle" not in outputs:
+    """Return the speed of shown signals, (rows, q), rad/s, or that of their angle; None where neither is compared.
+
+    Of a mean since the row before it is that of two, about the row.
+    """
+    s = fit.simulator
+    if "w" not in s.outputs and "angle" not in s.outputs:
         return None
-    angle, w = shown[:, outputs.index("angle")], np.zeros(len(shown))
-    for clock in fit.simulator.clocks:
-        w[clock.rows] = np.gradient(angle[clock.rows], clock.step)
+    own = shown[:, s.outputs.index("w" if "w" in s.outputs else "angle")]
+    if "w" in s.outputs and s.plan.sensors["w"] != layout.MEAN:
+        return own
+    w = own.copy()
+    for rows, step in ((clock.rows, clock.step) for clock in s.clocks):
+        if "w" in s.outputs:
+            w[rows][:-1] = 0.5 * (own[rows][:-1] + own[rows][1:])
+        else:
+            w[rows] = np.gradient(own[rows], step)
     return w
 
 
@@ -68,10 +80,10 @@ def machine_of(fit: Fit) -> tuple[tuple[FloatArray, FloatArray] | None, tuple[in
 def with_machine(fit: Fit) -> Fit:
     """Return the fit whose noise knows the machine as it is now, and where its circuit is open."""
     machine, seat = machine_of(fit)
-    opens = None if machine is None else _opens(fit)
+    opens = None if machine is None else openings(fit)
     noise = dataclasses.replace(fit.whitener.noise, machine=machine, seat=seat)
-    opens = opens if opens is not None and opens.any() else None
-    return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener.of(noise), opens=opens))
+    is_open = opens > 0 if opens is not None and opens.any() else None
+    return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener.of(noise), opens=is_open))
 
 
 def response(
@@ -91,7 +103,7 @@ def response(
     given = [None if signal is None else signal.reshape(rows, -1) for signal in (voltage, torque)]
     many = max(signals.shape[1] for signals in given if signals is not None)
     result = np.zeros((rows, len(s.outputs), many))
-    opens, seats, motor = _opens(fit), _plain_seats(fit), motor_values(fit)
+    opens, seats, motor = openings(fit), _plain_seats(fit), motor_values(fit)
     assert motor is not None
     for clock in s.clocks if within is None else (within,):
         there = clock.rows if within is None else slice(None)
@@ -124,22 +136,21 @@ def late_response(fit: Fit, voltage: FloatArray) -> FloatArray:
         if part == 0:
             held[0, clock.rows] = new
             continue
-        f, g = _sampled(of_motor, (1 - part) * clock.step)
-        before, whole_row = (_sampled(of_motor, step)[1] for step in (part * clock.step, clock.step))
+        f, g = (matrix[:2, :2] for matrix in _sampled(of_motor, (1 - part) * clock.step))
+        before, whole_row = (_sampled(of_motor, step)[1][:2] for step in (part * clock.step, clock.step))
         shares = np.linalg.solve(whole_row, np.column_stack([f @ before[:, 0], g[:, 0]]))
         for signal, (of_old, of_new) in zip(held, shares.tolist(), strict=True):
             signal[clock.rows] = of_old * old + of_new * new
-    held[1][_opens(fit)] = 0.0  # nothing drives a motor whose circuit is open
+    held[1][openings(fit) > 0] = 0.0  # nothing drives a motor whose circuit is open
     return response(fit, voltage=held[0], torque=held[1])
 
 
 def _plain_seats(fit: Fit) -> list[int] | None:
-    """Return which state each output shows, as it is; None where one shows another thing, or a sensor acts on it."""
-    outputs = fit.simulator.outputs
-    seats = [SEATS[y] for y in outputs]
+    """Return which state, or mean speed, each output shows as it is; None where a sensor acts on one, or is late."""
     s, value = fit.simulator, fit.value
-    plain = max(seats) < SEATS["angle"] and not any(acting(s, value, y) or channel_delay(s, value, y) for y in outputs)
-    return seats if plain else None
+    if any(acting(s, value, y) or channel_delay(s, value, y) or y in s.plan.chains for y in s.outputs):
+        return None
+    return [MEAN_SPEED if s.plan.sensors[y] == layout.MEAN else SEATS[y] for y in s.outputs]
 
 
 def opens_circuit(fit: Fit, recording: int) -> bool:
@@ -149,10 +160,10 @@ def opens_circuit(fit: Fit, recording: int) -> bool:
     return any(name in s.index and fit.value(name) == 1.0 for name in names)
 
 
-def _opens(fit: Fit) -> NDArray[np.bool_]:
-    """Return in which rows the drive has opened the circuit, (rows,)."""
+def openings(fit: Fit) -> Openings:
+    """Return in which rows no current flows, (rows,): OPEN, ENDS within the row, or 0."""
     s = fit.simulator
-    opens = np.zeros(s.rows, dtype=bool)
+    opens = np.zeros(s.rows, dtype=np.uint8)
     where = [clock.rows for e, clock in enumerate(s.clocks) if opens_circuit(fit, e)]
     if where:
         off = as_late(fit, (s.inputs("v") == 0).astype(np.float64)) > 0.5
@@ -161,9 +172,13 @@ def _opens(fit: Fit) -> NDArray[np.bool_]:
     if ONE_WAY in s.index and fit.value(ONE_WAY) == 1.0:
         if "i" in s.outputs:
             i = np.abs(fit.shown[:, s.outputs.index("i")])
-            opens |= i <= NO_CURRENT * np.max(i)
+            none = i <= NO_CURRENT * np.max(i)
+            for clock in s.clocks:
+                own = none[clock.rows]
+                ends = np.append(own[1:], own[-1])  # in the row in which one begins it flows
+                opens[clock.rows] = np.where(ends, np.where(own, OPEN, ENDS), opens[clock.rows])
         else:
-            opens |= as_late(fit, (s.inputs("v") == 0).astype(np.float64)) > 0.5
+            opens[as_late(fit, (s.inputs("v") == 0).astype(np.float64)) > 0.5] = OPEN
     return opens
 
 
@@ -171,11 +186,11 @@ def _driven(
     values: Mapping[str, float],
     step: float,
     inputs: Sequence[FloatArray | None],
-    opens: NDArray[np.bool_],
+    opens: Openings,
     first_row: FloatArray,
     shown: tuple[Sequence[int], FloatArray] | None = None,
 ) -> FloatArray:
-    """Return changes of current and speed, (n, 2, c), by changes of voltage and torque, (n, c), held over rows.
+    """Return changes of current, speed and angle, (n, 3, c), by those of voltage and torque, (n, c), held over rows.
 
     Parameters
     ----------
@@ -187,11 +202,11 @@ def _driven(
     """
     f, g = _sampled(tuple(values[name] for name in MOTOR), step)
     (n,), many = opens.shape, first_row.shape[1]
-    seats, states = ((0, 1), np.empty((n, 2, many))) if shown is None else shown
+    seats, states = (STATES, np.empty((n, len(STATES), many))) if shown is None else shown
     signals = [None if u is None else np.ascontiguousarray(u, dtype=np.float64) for u in inputs]
-    given = (*map(np.ascontiguousarray, (f, g, np.array(coasting(values, step)), opens)), *signals)
+    given = (*map(np.ascontiguousarray, (f[:, :2], g, np.array(coasting(values, step)), opens)), *signals)
     arrays = (*given, np.ascontiguousarray(first_row, dtype=np.float64), np.array(seats, dtype=np.int64), states)
-    filters().response_run(n, len(seats), many, *(None if a is None else a.ctypes.data for a in arrays))
+    filters().response_run(n, len(seats), many, step, *(None if a is None else a.ctypes.data for a in arrays))
     return states
 
 
@@ -199,9 +214,9 @@ def driven_on_lines(
     values: Mapping[str, float],
     clock: Clock,
     corners: tuple[FloatArray, FloatArray, FloatArray],
-    opens: NDArray[np.bool_],
+    opens: Openings,
 ) -> FloatArray:
-    """Return current and speed, (n, 2), of a motor by a voltage on lines, exact wherever between the rows it changes.
+    """Return current, speed and angle, (n, 3), of a motor by a voltage on lines, exact wherever in a row it changes.
 
     Parameters
     ----------
@@ -209,7 +224,7 @@ def driven_on_lines(
     corners : (m,) arrays
         Times, s, that rise, and by how much the voltage, 0 before, jumps there, V, and its slope changes, V/s.
     opens : (n,) array
-        Rows in which the circuit is open.
+        Rows in which no current flows.
     """
     times, jumps, slopes = corners
     a, b, _, _ = matrices(values)
@@ -224,9 +239,9 @@ def driven_on_lines(
     for row, part, change in zip((at // h).astype(int), at % h, np.column_stack([jumps, slopes]), strict=True):
         if 0 <= row < n and part > 0:
             added[row] += exponential(whole * (h - part))[:2, 2:] @ change
-    g = _sampled(tuple(values[name] for name in MOTOR), h)[1]
+    g = _sampled(tuple(values[name] for name in MOTOR), h)[1][:2]
     held = np.linalg.solve(g, added.T)[:, :, None]  # a voltage and a torque that do the same from row to row
-    held[1][opens] = 0.0
+    held[1][opens > 0] = 0.0
     return _driven(values, h, [held[0], held[1]], opens, np.zeros((2, 1)))[:, :, 0]
 
 
@@ -238,7 +253,7 @@ def pulse_response(fit: Fit, clock: Clock, begin: float, end: float) -> FloatArr
     s, values = fit.simulator, motor_values(fit)
     assert values is not None
     jumps = np.array([1.0, -1.0] if begin <= end else [-1.0, 1.0])
-    closed = np.zeros(clock.rows.stop - clock.rows.start, dtype=bool)
+    closed = np.zeros(clock.rows.stop - clock.rows.start, dtype=np.uint8)
     delays = [channel_delay(s, fit.value, y) for y in s.outputs]
     known = {}
     for delay in set(delays):
@@ -255,11 +270,11 @@ def free_motion(fit: Fit, clock: Clock, *, opens_first: bool = False) -> FloatAr
     opens_first : bool
         Whether a drive that opens the circuit at no voltage has done so before the first voltage too.
     """
-    opens, motor = _opens(fit)[clock.rows], motor_values(fit)
+    opens, motor = openings(fit)[clock.rows], motor_values(fit)
     assert motor is not None
     if not opens_first:
         driven = as_late(fit, (fit.simulator.inputs("v") != 0).astype(np.float64))[clock.rows] > 0.5
-        opens = opens & (np.cumsum(driven) > 0)
+        opens = opens * (np.cumsum(driven) > 0)
     first = np.zeros((2, 2))
     first[1, 0] = first[0, 1] = 1.0
     if (seats := _plain_seats(fit)) is not None:
@@ -305,7 +320,7 @@ def as_current(fit: Fit, signal: FloatArray, *, rows_late: int = 0) -> FloatArra
         moved = [_moved(late[clock.rows], int(whole) + rows_late + more) for more in (0, 1)]
         current = (1 - part) * moved[0] + part * moved[1]
         nothing = np.zeros_like(current)
-        states = [np.array([current if y == "i" else nothing, nothing]) for y in s.outputs]
+        states = [np.array([current if y == "i" else nothing, nothing, nothing]) for y in s.outputs]
         result[clock.rows] = _as_shown(fit, states, clock)
     return result
 
@@ -318,7 +333,7 @@ def held_for_wave(fit: Fit, clock: Clock, frequency: float) -> tuple[FloatArray,
     values = motor_values(fit)
     assert values is not None
     a, b, _, _ = matrices(values)
-    f, g = _sampled(tuple(values[name] for name in MOTOR), clock.step)
+    f, g = (matrix[:2, :2] for matrix in _sampled(tuple(values[name] for name in MOTOR), clock.step))
     turning = 2j * np.pi * frequency
     added = np.linalg.solve(turning * np.eye(2) - a, (np.exp(turning * clock.step) * np.eye(2) - f) @ b[:, 0])
     held = np.linalg.solve(g.astype(complex), added)
@@ -337,7 +352,7 @@ def response_within_rows(fit: Fit, change: FloatArray) -> FloatArray:
     """
     s, values = fit.simulator, motor_values(fit)
     assert values is not None
-    opens, result = _opens(fit), np.zeros((s.rows, len(s.outputs)))
+    opens, result = openings(fit), np.zeros((s.rows, len(s.outputs)))
     line = (np.arange(FINELY) + 0.5) / FINELY - 0.5
     for e, clock in enumerate(s.clocks):
         h = clock.step / FINELY
@@ -345,13 +360,12 @@ def response_within_rows(fit: Fit, change: FloatArray) -> FloatArray:
         open_parts = np.repeat(opens[clock.rows], FINELY)
         states = _driven(values, h, [voltage[:, None], None], open_parts, np.zeros((2, 1)))[:, :, 0]
         for j, y in enumerate(s.outputs):
-            own = states[:, SEATS[y]] if y != "angle" else np.cumsum(states[:, SEATS["w"]]) * h
-            own = _moved(own, round(channel_delay(s, fit.value, y) / h))
+            own = _moved(_read(s, y, states.T, h, apart=FINELY), round(channel_delay(s, fit.value, y) / h))
             acts = [(n, n.act) for n in s.nuisances if n.output == y and fit.value(n.name) != n.neutral]
             for n, act in acts:
                 if n.between and act is not None:
                     own = act(own, fit.value(n.name), h)
-            own = own[::FINELY]
+            own = _through_chain(s, y, own[::FINELY], clock)
             for n, act in acts:
                 if not n.between and act is not None:
                     own = act(own, fit.value(n.name), clock.step)
@@ -361,19 +375,19 @@ def response_within_rows(fit: Fit, change: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def _sampled(values: tuple[float, ...], step: float) -> tuple[FloatArray, FloatArray]:
-    """Return F and G, (2, 2) each, of x[k+1] = F x[k] + G [v, torque], of R, K, L, J, B and a sampling interval, s."""
-    return sampled(dict(zip(MOTOR, values, strict=True)), step)
+    """Return F, (3, 3), and G, (3, 2), of x[k+1] = F x[k] + G [v, torque], of R, K, L, J, B and an interval, s."""
+    return sampled_with_angle(dict(zip(MOTOR, values, strict=True)), step)
 
 
 def _later(
     fit: Fit,
     clock: Clock,
     inputs: Sequence[FloatArray | None],
-    opens: NDArray[np.bool_],
+    opens: Openings,
     states: FloatArray,
     delay: float,
 ) -> FloatArray:
-    """Return changes of current and speed, (n, 2, c), as they were a delay before each row, s, by inputs as `_driven`.
+    """Return changes of the states, (n, 3, c), as they were a delay before each row, s, by inputs as `_driven`.
 
     Between two rows they are those of inputs that are held, or, where the circuit is open, on lines.
     """
@@ -393,21 +407,45 @@ def _later(
         for k, signals in enumerate(inputs):
             if signals is not None:
                 driven += g[:, k, None] * signals[at][:, None, :]
-        shown = np.where(opens[at][:, None, None], shown + since * (on - shown), driven)
+        shown = np.where(opens[at][:, None, None] > 0, shown + since * (on - shown), driven)
     shown[row < 0] = states[0]
     return shown
 
 
 def _as_shown(fit: Fit, states: Sequence[FloatArray], clock: Clock) -> FloatArray:
-    """Return current and speed, (2, n) for each output, as the outputs' sensors show them, (n, q)."""
+    """Return the states, (3, n) for each output, as the outputs' sensors show them, (n, q)."""
     s = fit.simulator
     columns = []
-    for y, (current, speed) in zip(s.outputs, states, strict=True):
-        if y == "angle":  # by trapezia
-            shown = (np.cumsum(speed) - 0.5 * (speed + speed[0])) * clock.step
-        else:
-            shown = (current, speed)[SEATS[y]]
-        for act, value in acting(fit.simulator, fit.value, y):
+    for y, own in zip(s.outputs, states, strict=True):
+        shown = sensed(s, y, own, clock)
+        for act, value in acting(s, fit.value, y):
             shown = act(shown, value, clock.step)
         columns.append(shown)
     return np.column_stack(columns)
+
+
+def sensed(s: Simulator, output: str, states: FloatArray, clock: Clock) -> FloatArray:
+    """Return current, speed and angle, (3, n), as an output shows them, (n,), by all that is declared of it."""
+    return _through_chain(s, output, _read(s, output, states, clock.step), clock)
+
+
+def _read(s: Simulator, output: str, states: FloatArray, step: float, *, apart: int = 1) -> FloatArray:
+    """Return what is read of the states, (3, n), some rows of `step` s apart: one of them, or the mean of the speed."""
+    if s.plan.sensors[output] != layout.MEAN:
+        return np.asarray(states[SEATS[output]])
+    angle = states[SEATS["angle"]]
+    return np.asarray((angle - _moved(angle, apart)) / (apart * step))
+
+
+def _through_chain(s: Simulator, output: str, shown: FloatArray, clock: Clock) -> FloatArray:
+    """Return a signal, (n,), behind the mean, the filters and the gain that are declared of an output."""
+    chain = s.plan.chains.get(output)
+    if chain is None:
+        return shown
+    if chain.average > 1:
+        before = np.repeat(shown[:1], chain.average - 1)
+        own = np.full(chain.average, 1 / chain.average)
+        shown = recursion(own, (), np.concatenate([before, shown]))[len(before) :]
+    for b0, b1, b2, a1, a2 in chain.sections(clock.step):
+        shown = recursion((b0, b1, b2), (a1, a2), shown)
+    return np.asarray(chain.gain * shown)

@@ -9,7 +9,6 @@ i/v = (J s + B)/D    w/v = K/D    w/load = −(L s + R)/D    i/load = K/D    D =
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -71,20 +70,36 @@ def sampled(values: Mapping[str, float], step: float) -> tuple[FloatArray, Float
     InputError
         As `matrices`.
     """
+    f, g = sampled_with_angle(values, step)
+    return f[:2, :2], g[:2]
+
+
+def sampled_with_angle(values: Mapping[str, float], step: float) -> tuple[FloatArray, FloatArray]:
+    """Return F (3, 3) and G (3, 2) likewise, with the angle, whose derivative is the speed, as a third state.
+
+    Raises
+    ------
+    InputError
+        As `matrices`.
+    """
     a, b, _, _ = matrices(values)
-    whole = np.zeros((4, 4))
-    whole[:2, :2], whole[:2, 2:] = a, b
+    whole = np.zeros((5, 5))
+    whole[:2, :2], whole[2, 1], whole[:2, 3:] = a, 1.0, b
     over = exponential(whole * step)
-    return over[:2, :2], over[:2, 2:]
+    return over[:3, :3], over[:3, 3:]
 
 
-def coasting(values: Mapping[str, float], step: float) -> tuple[float, float]:
-    """Return of a motor without current how much of its speed is left after a step, s, and what 1 N.m against it adds.
+def coasting(values: Mapping[str, float], step: float) -> tuple[float, float, float, float]:
+    """Return what a motor without current does in a step, s, by its speed and by 1 N.m against it, held over the step.
 
-    Of x' = -B / J x - load / J, held over the step.
+    Returns
+    -------
+    How much of its speed is left, what the torque adds to that, and what both add to the angle.
     """
     rate = values["B"] / values["J"]
-    return math.exp(-rate * step), math.expm1(-rate * step) / values["B"] if values["B"] > 0 else -step / values["J"]
+    whole = np.array([[-rate, 0.0, -1 / values["J"]], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # speed, angle, torque
+    (left, _, added), (turned, _, turned_by), _ = exponential(whole * step).tolist()
+    return left, added, turned, turned_by
 
 
 def transfer_functions(values: Mapping[str, float]) -> dict[str, tuple[list[float], list[float]]]:

@@ -31,7 +31,7 @@ FUNCTIONS: Mapping[str, tuple[Any, Sequence[Any]]] = {  # of kalman.c → what e
     "kalman_shorten": (None, [WHOLE] * 4 + [PLACE] * 6),
     "recursion_run": (None, [WHOLE] * 4 + [PLACE] * 4),
     "sections_run": (None, [*[WHOLE] * 3, PLACE, PLACE, WHOLE, WHOLE, PLACE, WHOLE]),
-    "response_run": (None, [WHOLE] * 3 + [PLACE] * 9),
+    "response_run": (None, [*[WHOLE] * 3, REAL, *[PLACE] * 9]),
     "gram_factor": (WHOLE, [WHOLE, REAL, PLACE, PLACE]),
     "fit_bytes": (WHOLE, [WHOLE]),
     "fit_begin": (WHOLE, [PLACE, WHOLE, WHOLE, REAL, REAL, PLACE, PLACE, PLACE, REAL, PLACE]),

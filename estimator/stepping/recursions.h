@@ -81,26 +81,32 @@ EXPORT void sections_run(int64_t n, int64_t c, int64_t sections, const double *g
 #endif
 }
 
-/* States of a motor, current and speed, x[0] = start, x[j + 1] = F x[j] + G u[j], of c inputs each, (n, c) voltages and
-   torques, NULL: none of these; where the circuit is open there is no current, and the speed w[j + 1] = coasting[0] w[j]
-   + coasting[1] torque[j]. Set shown, (n, q, c), to those that q seats name, 0 or 1. start: (2, c); f, g: (2, 2). */
-EXPORT void response_run(int64_t n, int64_t q, int64_t c, const double *f, const double *g, const double *coasting,
-                         const unsigned char *open, const double *voltage, const double *torque, const double *start,
-                         const int64_t *seats, double *shown)
+/* States of a motor, current, speed and angle, x[0] = start, 0, and x[j + 1] = F x[j] + G u[j], of c inputs each, (n, c)
+   voltages and torques, NULL: none of these; where the circuit is open, 1, there is no current, and the speed w[j + 1] =
+   coasting[0] w[j] + coasting[1] torque[j], which turns the angle by coasting[2] and coasting[3] of both; 2: it is within
+   the row, at whose instant a current still flows. Set shown, (n, q, c), to what q seats name: a state, or 3, the mean of
+   the speed since the row before, over a step; 0 in the first. start: (2, c); f: (3, 2); g: (3, 2). */
+EXPORT void response_run(int64_t n, int64_t q, int64_t c, double step, const double *f, const double *g,
+                         const double *coasting, const unsigned char *open, const double *voltage, const double *torque,
+                         const double *start, const int64_t *seats, double *shown)
 {
 #if defined(__SSE2__)
     const unsigned control = _mm_getcsr();
     _mm_setcsr(control | FLUSH_TO_ZERO);
 #endif
     for (int64_t l = 0; l < c; l++) {
-        double x[2] = {start[l], start[c + l]};
+        double x[4] = {start[l], start[c + l], 0.0, 0.0};
         for (int64_t j = 0; j < n; j++) {
             const double v = voltage ? voltage[j * c + l] : 0.0, t = torque ? torque[j * c + l] : 0.0;
-            if (open[j]) x[0] = 0.0;
+            if (open[j] == 1) x[0] = 0.0;
             for (int64_t k = 0; k < q; k++) shown[(j * q + k) * c + l] = x[seats[k]];
             const double i = open[j] ? 0.0 : f[0] * x[0] + f[1] * x[1] + (g[0] * v + g[1] * t);
+            const double turned = open[j] ? coasting[2] * x[1] + coasting[3] * t
+                                          : f[4] * x[0] + f[5] * x[1] + (g[4] * v + g[5] * t);
             x[1] = open[j] ? coasting[0] * x[1] + coasting[1] * t : f[2] * x[0] + f[3] * x[1] + (g[2] * v + g[3] * t);
             x[0] = i;
+            x[2] += turned;
+            x[3] = turned / step;
         }
     }
 #if defined(__SSE2__)

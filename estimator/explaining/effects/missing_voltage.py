@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.lateness import channel_delay
-from estimator.fitting.motor_response import COASTS, SEATS, driven_on_lines
+from estimator.fitting.motor_response import COASTS, driven_on_lines, sensed
 from estimator.fitting.simulator import Simulator, per_recording
 from estimator.fitting.winding_temperature import warmth
 from estimator.motor.names import MOTOR
 from estimator.noise.clock import Clock
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import Observed, Plan
-from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
 Corners = tuple[FloatArray, FloatArray, FloatArray]  # times, s; jumps, V; changes of slope, V/s
@@ -60,10 +59,7 @@ def shown_more(name: str, missing: Missing, s: Simulator, candidate: FloatArray,
                 opens = _held(o.inputs["v"], clock, behind) == 0 if is_open else np.zeros(len(clock.time), dtype=bool)
                 of_run = {**motor, "R": motor["R"] * warm[e]}
                 known[behind] = driven_on_lines(of_run, clock, (corners[0] + behind, *corners[1:]), opens)
-            shown = known[behind][:, SEATS[output]]
-            if s.plan.sensors[output] == layout.MEAN:
-                shown = 0.5 * (shown + np.concatenate([shown[:1], shown[:-1]]))
-            result[clock.rows, j] = shown
+            result[clock.rows, j] = sensed(s, output, known[behind].T, clock)
     return result
 
 
