@@ -6,7 +6,7 @@ Its criterion is z'z of whitened residuals (-2 log L at a given noise) plus the 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -222,15 +222,22 @@ def reshaped(explanation: Explanation, addition: Addition) -> Iterator[Explanati
 
 
 def mirrored(
-    explanation: Explanation, effects: Sequence[Effect], plan: Plan, *, iterations: int = ITERATIONS, limit: float
+    explanation: Explanation,
+    effects: Sequence[Effect],
+    plan: Plan,
+    *,
+    of: Callable[[Addition], bool] = lambda _: True,
+    iterations: int = ITERATIONS,
+    limit: float,
 ) -> list[Explanation]:
     """Return the explanation at the equivalent values that an effect names, such as two lags exchanged.
 
-    Iterations and limit as for `solved`.
+    Of some additions; iterations and limit as for `solved`.
     """
     return [
         _at_values(explanation, a, known, effects, plan, iterations, limit=limit)
         for a in explanation.additions
+        if of(a)
         for known in a.effect.mirrored(explanation.fit, a.name)
     ]
 

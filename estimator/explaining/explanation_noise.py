@@ -53,6 +53,7 @@ def with_noise(
     colour: bool = True,
     again: bool = False,
     moving: bool = False,
+    settles: bool = True,
 ) -> Explanation:
     """Return the explanation with its noise estimated, or estimated again, and fitted with it.
 
@@ -66,6 +67,8 @@ def with_noise(
         Keep the components of the noise, and estimate their parameters again.
     moving : bool
         Ask rows that have not settled, too, but for the first part of transients, and keep the torque that wanders.
+    settles : bool
+        Once more where columns are known as well as the noise tells.
     """
     fit = renewed(explanation)
     if any(new is not old for new, old in zip(fit.linear, explanation.fit.linear, strict=True)):
@@ -92,8 +95,11 @@ def with_noise(
         torque=noise.torque if moving else None, behind=_colours_of_filters(s.plan),
     )  # fmt: skip
     del misfit  # of a million rows a thirtieth of what is held
-    fit = held_down(refreshed(fit, whitener.of(found)), windows.onsets)
-    return dataclasses.replace(explanation, fit=solved(fit))
+    fit = solved(held_down(refreshed(fit, whitener.of(found)), windows.onsets))
+    told = dataclasses.replace(explanation, fit=fit)
+    if settles and any(group.uncertain is not None for group in fit.linear):  # what their form is, the noise tells
+        return with_noise(told, differenced, colour=colour, again=True, moving=moving, settles=False)
+    return told
 
 
 def _colours_of_filters(plan: Plan) -> list[Colours]:

@@ -31,6 +31,7 @@ from estimator.explaining.addition import (
     is_held,
     is_needed,
     is_physical,
+    is_switch,
     is_timing,
     together,
     wald,
@@ -117,7 +118,7 @@ class Selection:
         """Return an explanation fitted with one more addition, a ripple where that moves it; limit as for `solved`."""
         if not moves_ripple(explanation, addition):
             found = with_added(explanation, self.refitted(explanation, addition, limit=limit), addition)
-            return followed(found) if addition.effect.follows else found
+            return followed(found, least=1.0) if addition.effect.follows else found
         found = with_added(explanation, self.refitted(explanation, addition), addition)
         return dataclasses.replace(found, fit=solved_roughly(renewed(found), limit=limit))
 
@@ -299,6 +300,7 @@ class Selection:
             found = self.best_addition(explanation, effects, rejected, share)
             if found is None or is_full(found) or self.effort.is_spent(part=OF_ADDITIONS):
                 break
+            found = self._switched(found)
             judged = with_noise(found, self.differenced, colour=colour, again=True) if renew else found
             absurd = [a for a in judged.additions if not is_physical(judged.fit, a, before=explanation.fit)]
             if judged.additions[-1] in absurd:
@@ -313,6 +315,13 @@ class Selection:
             explanation = self.reshaped(judged, colour=colour) if renew and is_timing(judged.additions[-1]) else judged
             rejected.clear()
         return explanation
+
+    def _switched(self, found: Explanation) -> Explanation:
+        """Return an explanation with the drive's switch that is likeliest beside what was found last."""
+        twins = mirrored(
+            found, self.effects, self.tests.base.plan, of=is_switch, iterations=ROUGH, limit=found.fit.cost
+        )
+        return min([found, *twins], key=lambda e: e.fit.cost)
 
     def best_addition(
         self, explanation: Explanation, effects: Sequence[Effect], rejected: set[str], share: float = 0.0
@@ -458,10 +467,12 @@ def _with_others_moved(fit: Fit, addition: Addition) -> list[Mapping[str, float]
 
 
 def of_same_channel(simulator: Simulator, best_few: Sequence[Addition], ranked: Sequence[Addition]) -> list[Addition]:
-    """Return what else happens within samples of the channels of the best few.
+    """Return what else happens within samples of the channels of the best few; of all, where the voltage is slow.
 
     A mean for a filter, a filter of second order for one of first: which of them fits best a score test does not tell.
     """
     channel = {n.name: n.channel for n in simulator.nuisances}
     shown, known = {channel.get(a.name) for a in best_few if is_timing(a)}, {a.name for a in best_few}
-    return [a for a in ranked if is_timing(a) and a.name not in known and channel.get(a.name) in shown]
+    slow = {n.name for n in simulator.nuisances if n.act is not None and not n.channel}
+    every = any(a.name in slow for a in best_few)
+    return [a for a in ranked if is_timing(a) and a.name not in known and (every or channel.get(a.name) in shown)]

@@ -22,6 +22,7 @@ from estimator.recordings.signal_noise import input_noise
 FloatArray = NDArray[np.float64]
 
 USUAL = 0.01  # of the largest current at the largest voltage: an amplifier by resistors of 0.1 %
+MOST = 0.3  # likewise: what shows more of the voltage than that is no sensor of a current
 ROWS_LATE = (0, 1)  # a sample is taken behind the voltage's change in its row, or before it
 
 
@@ -45,10 +46,15 @@ class CommonMode(Effect):
         largest = float(np.max(np.abs(v), initial=0.0))
         if not largest > 0 or any(input_noise(o.inputs["v"]) > NOISY * largest for o in s.plan.observed):
             return ()  # a controller of the current answers to the noise of its sensor by such a voltage
-        size, found = USUAL * s.plan.largest("i") / largest, []
+        whole, found = s.plan.largest("i") / largest, []
         for late in ROWS_LATE:
             shown = as_current(fit, v, rows_late=late)[:, :, None]
-            found.append(Linear(self.name, shown, ("A/V",), size=size, one_of=len(ROWS_LATE), form=late))
+            found.append(
+                Linear(
+                    self.name, shown, ("A/V",), least=-MOST * whole, most=MOST * whole, size=USUAL * whole,
+                    one_of=len(ROWS_LATE), form=late,
+                )
+            )  # fmt: skip
         return found
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
