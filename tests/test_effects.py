@@ -28,6 +28,7 @@ from estimator.fmus.probe import bundled_model
 from estimator.plans.plan import Observed
 from estimator.plans.planning import plan_case
 from estimator.recordings.reading import read_recording, recording_from_arrays
+from estimator.stepping import layout
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -909,7 +910,8 @@ def test_what_explains_most_comes_before_what_is_sharp(tmp_path):
 def test_the_usual_friction_is_of_the_dry_part_too_while_a_voltage_drives_the_motor():
     w = np.concatenate([np.zeros(10), np.full(10, 200.0), np.zeros(30)])
     on = np.where(w > 0, 12.0, 0.0)
-    s = SimpleNamespace(outputs=("i", "w"), inputs=lambda name: on)
+    plan = SimpleNamespace(sensors={"w": layout.IDENTITY})
+    s = SimpleNamespace(outputs=("i", "w"), inputs=lambda name: on, plan=plan)
     fit = SimpleNamespace(simulator=s, shown=np.column_stack([0 * w, -w]))
     assert usual_friction(fit, {"B": 1e-5}) == pytest.approx(2e-3)
     assert usual_friction(fit, {"B": 1e-5, "friction": 8e-3}) == pytest.approx(1e-2)

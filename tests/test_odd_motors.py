@@ -16,11 +16,11 @@ LEVELS = ((0.0, 0.1), (6.0, 0.4), (12.0, 0.4), (3.0, 0.4), (9.0, 0.4))  # V, s
 BOTH_WAYS = ((0.0, 0.1), (12.0, 0.4), (-12.0, 0.4), (-6.0, 0.4), (6.0, 0.4))
 
 
-def moved(levels, *, fan=0.0, weakens=0.0, saturates=0.0, drop=None, stribeck=None, heavier=1.0):
+def moved(levels, *, fan=0.0, weakens=0.0, saturates=0.0, drop=None, stribeck=None, heavier=1.0, pulsed=0.0):
     """Return time, voltage, current and speed of 1 ms: `fan` in N.m.s2/rad2, `weakens` and `saturates` a part at 1 A.
 
     `drop` is the voltage, V, over the brushes by the current, A; `stribeck` a torque by the speed; J is so many
-    times as large.
+    times as large; `pulsed` is the resistance, Ohm, of a supply of 12 V behind a bridge that gives v by its pulses.
     """
     p, h, x, begin = TRUE, 1e-3, [0.0, 0.0], 0.0
     times, volts, states = [], [], []
@@ -29,7 +29,7 @@ def moved(levels, *, fan=0.0, weakens=0.0, saturates=0.0, drop=None, stribeck=No
         def rates(_, x, v=v):
             i, w = x
             k = p["K"] * (1 - weakens * abs(i))
-            u = v - p["R"] * i - k * w - (drop(i) if drop else 0.0)
+            u = v - p["R"] * i - k * w - (drop(i) if drop else 0.0) - pulsed * (v / 12) ** 2 * i
             torque = k * i - p["B"] * w - fan * w * abs(w) - (stribeck(w) if stribeck else 0.0)
             return [u / (p["L"] * (1 - saturates * abs(i))), torque / (heavier * p["J"])]
 
@@ -80,6 +80,7 @@ MOTORS = {
     "fan load": {"fan": 1.2e-6},
     "K falls with the current": {"weakens": 0.015},
     "rounded brush drop": {"drop": rounded},
+    "sag by pulses": {"pulsed": 0.2},
 }
 
 

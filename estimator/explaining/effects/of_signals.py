@@ -17,18 +17,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import SELDOM, Effect
-from estimator.explaining.effects.drive import ROUNDED
+from estimator.explaining.effects.drive import MOST_SAG, ROUNDED, is_of_one_size
+from estimator.explaining.effects.voltage_rise import NOISY
 from estimator.fitting.fit import Fit, Linear, refreshed
-from estimator.fitting.motor_response import motor_values, response, speed_of
-from estimator.fitting.score_test import likeliest
+from estimator.fitting.motor_response import as_late, motor_values, response, speed_of
+from estimator.fitting.score_test import ScoreTest, likeliest
 from estimator.motor.winding import time_constant
 from estimator.plans.part import LONG
+from estimator.recordings.signal_noise import input_noise
 
 FloatArray = NDArray[np.float64]
 
 BRUSH = "brush"  # the nuisance parameter of a drop that does not round off
 USUAL_LOAD = 0.3  # of the torque of the motor at its largest speed: a fan
 USUAL_CHANGE = 0.05  # part by which K or L falls at the largest current, and by which two gains differ
+USUAL_SAG = 0.05  # of the largest voltage, at the largest current
 USUAL_ROUNDED = 0.05  # of the largest voltage: a drop of brushes
 MOST_CURVE = 0.3  # part by which the largest current is shown too small
 POWERS = (1, 2)  # of the current, with which K may fall
@@ -40,7 +43,8 @@ MOST_DECAY = 30.0  # time constants of a winding in a row: with more the current
 SETTLING = 40  # rounds in which a current settles beside a drop, at most
 SETTLED = 1e-4  # of the largest current: a change of no matter
 SMALL = 1e-4  # of the current at half of the drop: over which its steepness is told
-WIDER = 2.0  # times that current: so far the form of a drop is not known
+APART, FAR = 2, 4  # of these currents: those by which the spread of a drop's forms is told; times 1.6 away, at most
+LITTLE = 1e-3  # of the largest variance: what a spread has less of is left out
 
 
 Form = Callable[[FloatArray], FloatArray]
@@ -210,6 +214,32 @@ class SensorCurve(OfSignals):
 
 
 @dataclass(frozen=True)
+class SagOfPulses(OfSignals):
+    """A supply's resistance, Ohm, behind a bridge that connects it for a part of the time, as pulses do.
+
+    A bridge that gives the part d of the supply's voltage draws d i from it: the motor has d (E - R d i), and of the
+    resistance d² is in series. With E the largest command.
+    """
+
+    name: str = "sag by pulses"
+    sentence: str = "the supply behind the bridge sags: at the largest command {value:.3g} Ohm of it are in series"
+
+    def columns(self, fit: Fit, i: FloatArray | None, w: FloatArray | None) -> Iterator[Linear]:
+        """Yield one of all recordings, where the command has several sizes."""
+        s = fit.simulator
+        v, peak = s.inputs("v"), 0.0 if i is None else float(np.max(np.abs(i)))
+        largest = float(np.max(np.abs(v), initial=0.0))
+        measured = any(input_noise(o.inputs["v"]) > NOISY * largest for o in s.observed)
+        if i is None or not peak > 0 or not largest > 0 or measured or is_of_one_size(v):
+            return
+        part = as_late(fit, np.square(v / largest))
+        voltage, _ = _within_rows(fit, lambda i, _: -i, i, None)
+        most, size = MOST_SAG * largest / peak, USUAL_SAG * largest / peak
+        columns = response(fit, voltage=part * voltage)[:, :, None]
+        yield Linear(self.name, columns, ("Ohm",), least=0.0, most=most, size=size)
+
+
+@dataclass(frozen=True)
 class RoundedDrop(OfSignals):
     """A drop of the brushes, V, that grows with the current and levels off. In which form is not known, but roughly."""
 
@@ -244,21 +274,37 @@ class RoundedDrop(OfSignals):
         """
         shown = fit.once(_before_sensors).shown + group.columns @ coefficients
         i = shown[:, fit.simulator.outputs.index("i")]
-        exact = refreshed(fit, dataclasses.replace(fit.whitener, shared=None))
+        test = refreshed(fit, dataclasses.replace(fit.whitener, shared=None)).test()
         halves = range(0, len(HALF_AT), FINE)
         for apart in (FINE // 2, FINE // 4, FINE // 8, 1):  # ever finer about the best
             found = list(self._of_forms(fit, i, halves, FORMS))
             if not found:
                 return None
-            best = found[likeliest(*exact.test().scores(np.concatenate([g.columns for g in found], axis=2)))]
+            best = found[likeliest(*test.scores(np.concatenate([g.columns for g in found], axis=2)))]
             near = best.form // len(FORMS)
             halves = range(max(near - apart, 0), min(near + apart, len(HALF_AT) - 1) + 1, apart)
-        half, form = HALF_AT[best.form // len(FORMS)] * float(np.max(np.abs(i))), FORMS[best.form % len(FORMS)]
+        half, form = HALF_AT[near] * float(np.max(np.abs(i))), FORMS[best.form % len(FORMS)]
         i = _settled_current(fit, i, float(coefficients[0]), (half, form))
-        others = [(half, other) for other in FORMS if other is not form]
-        others += [(times * half, form) for times in (WIDER, 1 / WIDER)]
-        own, rest = np.split(_drops(fit, i, [(half, form), *others]), [1], axis=2)
-        return dataclasses.replace(best, columns=own, uncertain=rest - own)
+        about = [k for k in range(near % APART, len(HALF_AT), APART) if abs(k - near) <= FINE * FAR]
+        others = [g.columns for g in self._of_forms(fit, i, about, FORMS)]
+        own = _drops(fit, i, [(half, form)])
+        return dataclasses.replace(best, columns=own, uncertain=_spread(test, own, np.concatenate(others, axis=2)))
+
+
+def _spread(test: ScoreTest, own: FloatArray, others: FloatArray) -> FloatArray:
+    """Return deviations of columns, (rows, q, k), by what explains nearly as much in their place, (rows, q, c)."""
+    along, power = test.scores(np.concatenate([own, others], axis=2))
+    sizes = np.where(power > 0, along / np.maximum(power, 1e-300), 0.0)
+    if not sizes[0] > 0:
+        return np.zeros((*own.shape[:2], 0))
+    excess = max(1.0, float(test.left @ test.left) / len(test.left))
+    gains = np.where(sizes > 0, along * sizes, 0.0)[1:] / excess
+    weights = np.exp(0.5 * (gains - max(float(np.max(gains)), 0.0)))
+    away = np.sqrt(weights / np.sum(weights)) * (others * (sizes[1:] / sizes[0]) - own)
+    scale = np.maximum(np.max(np.abs(own), axis=0), 1e-300)  # of each output
+    flat = (away / scale).reshape(-1, away.shape[2])
+    values, vectors = np.linalg.eigh(flat.T @ flat)
+    return np.asarray(away @ vectors[:, values > LITTLE * values[-1]])
 
 
 def _settled_current(fit: Fit, i: FloatArray, drop: float, found: tuple[float, Form]) -> FloatArray:
