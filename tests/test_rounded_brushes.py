@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimator import estimate_parameters, recording_from_arrays
+from estimator.explaining.effects.of_signals import _spread
 from estimator.fitting.motor_response import ENDS, ONE_WAY, OPEN, openings
 from estimator.noise.clock import Clock
 
@@ -68,3 +69,10 @@ def test_a_current_flows_in_the_row_that_it_begins_in_and_ends_within_its_last()
     )  # fmt: skip
     fit = SimpleNamespace(simulator=simulator, value=lambda name: 1.0, shown=shown)
     assert openings(fit).tolist() == [OPEN, OPEN, 0, 0, 0, ENDS, OPEN, OPEN]
+
+
+@pytest.mark.parametrize("along", [0.0, -1.0])
+def test_of_a_drop_that_explains_nothing_no_form_is_told(along):
+    """Its deviations were columns of no number, at which the whitener stopped: an internal error."""
+    nothing = SimpleNamespace(scores=lambda columns: (np.full(columns.shape[2], along), np.ones(columns.shape[2])))
+    assert _spread(nothing, np.ones((5, 2, 1)), np.ones((5, 2, 3))) is None

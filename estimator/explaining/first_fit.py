@@ -57,15 +57,25 @@ class FirstFit:
         s = self.tests.base
         lower, upper = s.lower.copy(), s.upper.copy()
         if not any(self._leaves_noise(start) for start in starts):
-            for k, name in enumerate(s.plan.names):
-                near = s.plan.guess.get(name, 0.0)
-                if name in NEARBY and near > 0 and s.log[k]:
-                    s.lower[k] = max(s.lower[k], near / NEARBY[name])
-                    s.upper[k] = min(s.upper[k], near * NEARBY[name])
+            near_lower, near_upper = self._near()
+            begun = [s.values(dict(zip(s.plan.names, start.tolist(), strict=True))) for start in starts]
+            shown = s.shown(np.clip(begun, near_lower, near_upper))
+            if np.isfinite(shown).all(axis=(1, 2)).any():  # there may be no motor that the FMU simulates
+                s.lower[:], s.upper[:] = near_lower, near_upper
         try:
             yield
         finally:
             s.lower[:], s.upper[:] = lower, upper
+
+    def _near(self) -> tuple[FloatArray, FloatArray]:
+        """Return the bounds, (p,) each, of all names, with a motor's parameters near their first estimates."""
+        s = self.tests.base
+        lower, upper = s.lower.copy(), s.upper.copy()
+        for k, name in enumerate(s.plan.names):
+            near = s.plan.guess.get(name, 0.0)
+            if name in NEARBY and near > 0 and s.log[k]:
+                lower[k], upper[k] = max(lower[k], near / NEARBY[name]), min(upper[k], near * NEARBY[name])
+        return lower, upper
 
     def explanation(self, starts: Sequence[FloatArray]) -> Explanation:
         """Return the best first fit: from every start, with and without effects that are seen before a fit."""

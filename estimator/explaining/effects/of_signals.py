@@ -291,12 +291,15 @@ class RoundedDrop(OfSignals):
         return dataclasses.replace(best, columns=own, uncertain=_spread(test, own, np.concatenate(others, axis=2)))
 
 
-def _spread(test: ScoreTest, own: FloatArray, others: FloatArray) -> FloatArray:
-    """Return deviations of columns, (rows, q, k), by what explains nearly as much in their place, (rows, q, c)."""
+def _spread(test: ScoreTest, own: FloatArray, others: FloatArray) -> FloatArray | None:
+    """Return deviations of columns, (rows, q, k), by what explains nearly as much in their place, (rows, q, c).
+
+    None: there are none, as of columns that explain nothing.
+    """
     along, power = test.scores(np.concatenate([own, others], axis=2))
     sizes = np.where(power > 0, along / np.maximum(power, 1e-300), 0.0)
     if not sizes[0] > 0:
-        return np.zeros((*own.shape[:2], 0))
+        return None
     excess = max(1.0, float(test.left @ test.left) / len(test.left))
     gains = np.where(sizes > 0, along * sizes, 0.0)[1:] / excess
     weights = np.exp(0.5 * (gains - max(float(np.max(gains)), 0.0)))
@@ -304,7 +307,8 @@ def _spread(test: ScoreTest, own: FloatArray, others: FloatArray) -> FloatArray:
     scale = np.maximum(np.max(np.abs(own), axis=0), 1e-300)  # of each output
     flat = (away / scale).reshape(-1, away.shape[2])
     values, vectors = np.linalg.eigh(flat.T @ flat)
-    return np.asarray(away @ vectors[:, values > LITTLE * values[-1]])
+    some = values > max(LITTLE * values[-1], 0.0)
+    return np.asarray(away @ vectors[:, some]) if some.any() else None
 
 
 def _settled_current(fit: Fit, i: FloatArray, drop: float, found: tuple[float, Form]) -> FloatArray:
