@@ -21,17 +21,19 @@ STEP = 1e-3
 VOLTAGE = np.r_[np.zeros(20), np.full(60, 6.0), np.zeros(50), np.full(40, -4.0), np.zeros(30)]
 
 
-def fit_of(coasts, late=0.0, motor=MOTOR, *, speed=layout.IDENTITY, chains=None):
+def fit_of(coasts, late=0.0, motor=MOTOR, *, speed=layout.IDENTITY, chains=None, linear=(), jumps=None):
     names = (*MOTOR, COASTS, "delay of i")
     delay = SimpleNamespace(name="delay of i", place=SensorPlace("delay", None, "i"), act=None, output="")
     n = len(VOLTAGE)
     simulator = SimpleNamespace(
         plan=SimpleNamespace(
-            fixed={}, observed=[None], chains=chains or {}, sensors={"i": layout.IDENTITY, "w": speed}
+            fixed={}, observed=[None], chains=chains or {}, sensors={"i": layout.IDENTITY, "w": speed},
+            case=SimpleNamespace(linear=linear),
         ),
         names=names,
         index={name: k for k, name in enumerate(names)},
-        outputs=("i", "w"), observed=[SimpleNamespace(inputs={"v": VOLTAGE}, delay=0.0)], nuisances=(delay,), rows=n,
+        outputs=("i", "w"), observed=[SimpleNamespace(inputs={"v": VOLTAGE}, jumps=jumps or {})],
+        nuisances=(delay,), rows=n,
         clocks=(Clock(STEP * np.arange(n), slice(0, n)),), inputs=lambda name: VOLTAGE,
     )  # fmt: skip
     values = np.array([*motor.values(), coasts, late])
@@ -130,6 +132,27 @@ def test_a_voltage_that_is_late_by_parts_of_a_row_acts_as_it_does_between_them(l
         shown.append(x)
         x = after @ np.r_[x, v]
     np.testing.assert_allclose(late_response(fit, voltage), np.array(shown)[::10], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("jumps", [False, True])
+@pytest.mark.parametrize("late", [0, 2])
+def test_a_voltage_on_lines_between_its_jumps_acts_as_it_does_there(late, jumps):
+    """It was held over each row: to a noise that changes in every row a winding answers otherwise, and L was off."""
+    fast, rng, rows = MOTOR | {"L": 4e-4}, np.random.default_rng(2), len(VOLTAGE)
+    voltage = np.append(0.0, rng.standard_normal(rows - 1))
+    jumped = (rng.random(rows) < 0.2) & jumps
+    fit = fit_of(0.0, motor=fast, linear=("v",), jumps={"v": jumped})
+    fit.delay = lambda e: late * STEP
+    r, k, inductance, j, b = fast.values()
+    whole = np.zeros((4, 4))  # current, speed, voltage, by how much it goes on in the row
+    whole[:2, :3], whole[2, 3] = [[-r / inductance, -k / inductance, 1 / inductance], [k / j, -b / j, 0]], 1 / STEP
+    over, x, shown = expm(whole * STEP)[:2], np.zeros(2), []
+    goes_on = np.append(np.where(jumped[1:], 0.0, np.diff(voltage)), 0.0)
+    for own, change in zip(np.r_[np.zeros(late), voltage], np.r_[np.zeros(late), goes_on], strict=True):
+        shown.append(x)
+        x = over @ np.r_[x, own, change]
+    found = late_response(fit, voltage)
+    np.testing.assert_allclose(found[: rows - late], np.array(shown)[: rows - late], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("late", [0.0, 0.4, 2.6])

@@ -122,10 +122,13 @@ def response(
 def late_response(fit: Fit, voltage: FloatArray) -> FloatArray:
     """Return the change of the sensors' signals, (rows, q), by a voltage, V, that is as late as a recording's inputs.
 
-    It is held from row to row, (rows,), or c of them, (rows, c), for (rows, q, c); exact for delays between rows.
+    It is held from row to row, (rows,), or c of them, (rows, c), for (rows, q, c); exact for delays between rows. Where
+    the recorded one goes on lines between its jumps, so does it; then a delay between rows leaves out their corners.
     """
     values = motor_values(fit)
     assert values is not None
+    if "v" in fit.simulator.plan.case.linear:
+        return _response_on_lines(fit, values, voltage)
     of_motor, clocks = tuple(values[name] for name in MOTOR), fit.simulator.clocks
     late = [divmod(fit.delay(e) / clock.step, 1.0) for e, clock in enumerate(clocks)]
     if not any(part for _, part in late):
@@ -142,6 +145,27 @@ def late_response(fit: Fit, voltage: FloatArray) -> FloatArray:
         for signal, (of_old, of_new) in zip(held, shares.tolist(), strict=True):
             signal[clock.rows] = of_old * old + of_new * new
     held[1][openings(fit) > 0] = 0.0  # nothing drives a motor whose circuit is open
+    return response(fit, voltage=held[0], torque=held[1])
+
+
+def _response_on_lines(fit: Fit, values: Mapping[str, float], voltage: FloatArray) -> FloatArray:
+    """Return the same of a voltage on lines from row to row."""
+    s, late = fit.simulator, as_late(fit, voltage)
+    held = np.zeros((2, *late.shape))  # a voltage and a torque that do the same from row to row
+    for e, (o, clock) in enumerate(zip(s.observed, s.clocks, strict=True)):
+        own = late[clock.rows]
+        then = np.concatenate([own[1:], own[-1:]])
+        if (jumps := o.jumps.get("v")) is not None:  # up to them it is held
+            before = np.flatnonzero(_moved(jumps.astype(np.float64), round(fit.delay(e) / clock.step)) > 0) - 1
+            then[before[before >= 0]] = own[before[before >= 0]]
+        whole = np.zeros((4, 4))  # current, speed, voltage, its slope
+        a, b, _, _ = matrices(values)
+        whole[:2, :2], whole[:2, 2], whole[2, 3] = a, b[:, 0], 1 / clock.step
+        g = _sampled(tuple(values[name] for name in MOTOR), clock.step)[1][:2]
+        shares = np.linalg.solve(g, exponential(whole * clock.step)[:2, 2:])
+        for signal, (of_own, of_change) in zip(held, shares.tolist(), strict=True):
+            signal[clock.rows] = of_own * own + of_change * (then - own)
+    held[1][openings(fit) > 0] = 0.0
     return response(fit, voltage=held[0], torque=held[1])
 
 
