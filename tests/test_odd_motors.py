@@ -16,11 +16,12 @@ LEVELS = ((0.0, 0.1), (6.0, 0.4), (12.0, 0.4), (3.0, 0.4), (9.0, 0.4))  # V, s
 BOTH_WAYS = ((0.0, 0.1), (12.0, 0.4), (-12.0, 0.4), (-6.0, 0.4), (6.0, 0.4))
 
 
-def moved(levels, *, fan=0.0, weakens=0.0, saturates=0.0, drop=None, stribeck=None, heavier=1.0, pulsed=0.0):
+def moved(levels, *, fan=0.0, weakens=0.0, saturates=0.0, drop=None, stribeck=None, heavier=1.0, pulsed=0.0, eddy=0.0):
     """Return time, voltage, current and speed of 1 ms: `fan` in N.m.s2/rad2, `weakens` and `saturates` a part at 1 A.
 
     `drop` is the voltage, V, over the brushes by the current, A; `stribeck` a torque by the speed; J is so many
-    times as large; `pulsed` is the resistance, Ohm, of a supply of 12 V behind a bridge that gives v by its pulses.
+    times as large; `pulsed` is the resistance, Ohm, of a supply of 12 V behind a bridge that gives v by its pulses;
+    `eddy` is the conductance, A/V, beside the inductance: the state is the current of that.
     """
     p, h, x, begin = TRUE, 1e-3, [0.0, 0.0], 0.0
     times, volts, states = [], [], []
@@ -28,6 +29,7 @@ def moved(levels, *, fan=0.0, weakens=0.0, saturates=0.0, drop=None, stribeck=No
 
         def rates(_, x, v=v):
             i, w = x
+            i = (i + eddy * (v - p["K"] * w)) / (1 + eddy * p["R"])
             k = p["K"] * (1 - weakens * abs(i))
             u = v - p["R"] * i - k * w - (drop(i) if drop else 0.0) - pulsed * (v / 12) ** 2 * i
             torque = k * i - p["B"] * w - fan * w * abs(w) - (stribeck(w) if stribeck else 0.0)
@@ -37,7 +39,8 @@ def moved(levels, *, fan=0.0, weakens=0.0, saturates=0.0, drop=None, stribeck=No
         run = solve_ivp(rates, (0, t[-1]), x, t_eval=t, method="LSODA", rtol=1e-9, atol=1e-11, max_step=5e-3)
         times.append(begin + t[:-1])
         volts.append(np.full(len(t) - 1, v))
-        states.append(run.y[:, :-1])
+        inside, w = run.y[:, :-1]
+        states.append(np.array([(inside + eddy * (v - p["K"] * w)) / (1 + eddy * p["R"]), w]))
         x, begin = run.y[:, -1].tolist(), begin + t[-1]
     return (np.concatenate(a, axis=-1) for a in (times, volts, states))
 
@@ -81,6 +84,7 @@ MOTORS = {
     "K falls with the current": {"weakens": 0.015},
     "rounded brush drop": {"drop": rounded},
     "sag by pulses": {"pulsed": 0.2},
+    "eddy currents": {"eddy": 0.1},
 }
 
 

@@ -337,11 +337,16 @@ def _moved(signal: FloatArray, rows: int) -> FloatArray:
 
 def as_current(fit: Fit, signal: FloatArray, *, rows_late: int = 0) -> FloatArray:
     """Return what the sensors show, (rows, q), of a signal that adds to the current, (rows,), as late as the inputs."""
+    return beside_current(fit, as_late(fit, signal), rows_late=rows_late)
+
+
+def beside_current(fit: Fit, signal: FloatArray, *, rows_late: int = 0) -> FloatArray:
+    """Return what the sensors show, (rows, q), of a signal that adds to the current, (rows,)."""
     s = fit.simulator
-    late, result = as_late(fit, signal), np.zeros((s.rows, len(s.outputs)))
+    result = np.zeros((s.rows, len(s.outputs)))
     for clock in s.clocks:
         whole, part = divmod(channel_delay(s, fit.value, "i") / clock.step, 1.0)
-        moved = [_moved(late[clock.rows], int(whole) + rows_late + more) for more in (0, 1)]
+        moved = [_moved(signal[clock.rows], int(whole) + rows_late + more) for more in (0, 1)]
         current = (1 - part) * moved[0] + part * moved[1]
         nothing = np.zeros_like(current)
         states = [np.array([current if y == "i" else nothing, nothing, nothing]) for y in s.outputs]

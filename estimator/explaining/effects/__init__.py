@@ -32,6 +32,7 @@ from estimator.explaining.effects.lost_rows import LostRows
 from estimator.explaining.effects.low_pass import FORMS, LowPass
 from estimator.explaining.effects.machine_effects import FrictionDrift, WindingWarms
 from estimator.explaining.effects.of_signals import (
+    EddyCurrents,
     FanLoad,
     FieldWeakens,
     RoundedDrop,
@@ -95,6 +96,7 @@ EFFECTS: tuple[Effect, ...] = (
     Saturation(),
     RoundedDrop(),
     SagOfPulses(),
+    EddyCurrents(),
     EdgeLatency(),
     DryFriction(),
     BreakAway(),

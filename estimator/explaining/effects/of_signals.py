@@ -20,7 +20,7 @@ from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.explaining.effects.drive import MOST_SAG, ROUNDED, is_of_one_size
 from estimator.explaining.effects.voltage_rise import NOISY
 from estimator.fitting.fit import Fit, Linear, refreshed
-from estimator.fitting.motor_response import as_late, motor_values, response, speed_of
+from estimator.fitting.motor_response import as_late, beside_current, motor_values, response, speed_of
 from estimator.fitting.score_test import ScoreTest, likeliest
 from estimator.motor.winding import time_constant
 from estimator.plans.part import LONG
@@ -32,6 +32,8 @@ BRUSH = "brush"  # the nuisance parameter of a drop that does not round off
 USUAL_LOAD = 0.3  # of the torque of the motor at its largest speed: a fan
 USUAL_CHANGE = 0.05  # part by which K or L falls at the largest current, and by which two gains differ
 USUAL_SAG = 0.05  # of the largest voltage, at the largest current
+USUAL_EDDY, MOST_EDDY = 0.05, 0.5  # of the winding's conductance, R
+BEFORE, BEHIND = 0, 1  # forms: when a sample is taken in its row, seen from the change of the voltage
 USUAL_ROUNDED = 0.05  # of the largest voltage: a drop of brushes
 MOST_CURVE = 0.3  # part by which the largest current is shown too small
 POWERS = (1, 2)  # of the current, with which K may fall
@@ -237,6 +239,47 @@ class SagOfPulses(OfSignals):
         most, size = MOST_SAG * largest / peak, USUAL_SAG * largest / peak
         columns = response(fit, voltage=part * voltage)[:, :, None]
         yield Linear(self.name, columns, ("Ohm",), least=0.0, most=most, size=size)
+
+
+@dataclass(frozen=True)
+class EddyCurrents(OfSignals):
+    """A conductance beside the inductance, A/V: eddy currents in its iron. What flows there jumps with the voltage.
+
+    A sample of the current is taken before the voltage's change in its row, or behind it.
+    """
+
+    name: str = "eddy currents"
+    sentence: str = "beside the inductance {value:.3g} A flow for each volt across it: eddy currents in its iron"
+
+    def columns(self, fit: Fit, i: FloatArray | None, w: FloatArray | None) -> Iterator[Linear]:
+        """Yield both forms, of all recordings."""
+        if i is not None and w is not None and "L" in fit.free:
+            yield from (self._of_conductance(fit, i, w, 0.0, form) for form in (BEFORE, BEHIND))
+
+    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
+        """Return the same form by the signals that are simulated and what it adds."""
+        shown = fit.once(_before_sensors).shown + group.columns @ coefficients
+        w = speed_of(fit, shown)
+        assert w is not None
+        i = shown[:, fit.simulator.outputs.index("i")]
+        return self._of_conductance(fit, i, w, float(coefficients[0]), group.form)
+
+    def _of_conductance(self, fit: Fit, i: FloatArray, w: FloatArray, g: float, form: int) -> Linear:
+        """Return what 1 A/V changes, by the current that flows with g of it: that of the inductance does not jump."""
+        values, clocks = motor_values(fit), fit.simulator.clocks
+        assert values is not None
+        (r, k), v = (values[name] for name in "RK"), as_late(fit, fit.simulator.inputs("v"))
+        there = v if form == BEHIND else np.concatenate([np.append(v[c.rows][:1], v[c.rows][:-1]) for c in clocks])
+        inside = i - g * (there - r * i - k * w)
+        mean_i, _ = _within_rows(fit, lambda i, _: i, inside, w)
+        mean_w, _ = _within_rows(fit, lambda _, w: w, inside, w)
+        across = (v - r * mean_i - k * mean_w) / (1 + g * r)
+        own = beside_current(fit, (there - r * inside - k * w) / (1 + g * r))
+        moved = response(fit, voltage=-r * across, torque=-k * across)
+        return Linear(
+            self.name, (moved + own)[:, :, None], ("A/V",), least=0.0, most=MOST_EDDY / r, size=USUAL_EDDY / r,
+            one_of=2, form=form,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
