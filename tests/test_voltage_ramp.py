@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 from estimator import estimate_parameters, recording_from_arrays
-from estimator.explaining.effects.voltage_ramp import ramped
+from estimator.explaining.effects.average import mean_over_time
 
 MOTOR = {"R": 1.6, "K": 0.04, "L": 2.4e-3, "J": 2.5e-5, "B": 4e-5}
 STEP, FINE = 1e-3, 40
@@ -17,9 +17,9 @@ def test_the_mean_of_a_line_and_of_a_step_are_exact(length):
     line = np.maximum(t - 20, 0)
     since = np.clip(np.maximum(t - 20, 0), 0, length)  # of the last `length`, what lies behind the bend
     exact = np.where(t <= 20, 0.0, since * (np.maximum(t - 20, 0) - since / 2) / length)
-    np.testing.assert_allclose(ramped(line, length * 0.01, 0.01), exact, atol=1e-12)
-    np.testing.assert_array_equal(ramped(line, 0.0, 0.01), line)
-    np.testing.assert_allclose(ramped(np.full(9, 3.0), length, 1.0), 3.0, rtol=1e-14)  # at rest before
+    np.testing.assert_allclose(mean_over_time(line, length * 0.01, 0.01), exact, atol=1e-12)
+    np.testing.assert_array_equal(mean_over_time(line, 0.0, 0.01), line)
+    np.testing.assert_allclose(mean_over_time(np.full(9, 3.0), length, 1.0), 3.0, rtol=1e-14)  # at rest before
 
 
 def recorded(command, length, seed):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from estimator.explaining.effects.ac_coupling import AcCoupling
-from estimator.explaining.effects.average import Average, MeanSpeed
+from estimator.explaining.effects.average import Average, MeanSpeed, TimeMean
 from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.explaining.effects.channel_delay import ChannelDelay
 from estimator.explaining.effects.common_mode import CommonMode
@@ -70,6 +70,7 @@ EFFECTS: tuple[Effect, ...] = (
     Smoothing(),
     Average(),
     MeanSpeed(),
+    TimeMean(),
     Offset(),
     OffsetDrift(),
     AcCoupling(),

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.explaining.effects.average import mean_over_time
 from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.explaining.effects.low_pass import FORMS, LATE_SPEED
 from estimator.explaining.effects.voltage_rise import NAME as RISE
@@ -30,21 +31,6 @@ ONE_SIZE = 0.05  # of the largest change: all are of one size, but for that
 SLEW = "slew limit"
 OF_RAMP = 0.6  # of its delay: means in its place come no further from that
 TRIED = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # samples that a ramp takes
-
-
-def ramped(y: FloatArray, length: float, h: float) -> FloatArray:
-    """Return the mean of y over the last `length` s, exact for a signal on lines between samples, at rest before."""
-    if length <= 0:
-        return y
-    rows, part = divmod(length / h, 1.0)
-    before = int(rows) + 1
-    known = np.concatenate([np.repeat(y[:1], before), y])
-    whole = np.zeros(len(known))
-    np.cumsum(0.5 * (known[1:] + known[:-1]), out=whole[1:])
-    n, begins = len(y), slice(1, 1 + len(y))  # the row behind which the mean begins, or at which
-    first = known[begins]
-    cut = whole[begins] - part * first + 0.5 * part**2 * (first - known[:n])
-    return np.asarray((whole[before:] - cut) * h / length)
 
 
 def changes_of_commands(plan: Plan) -> FloatArray | None:
@@ -80,7 +66,7 @@ class VoltageRamp(Effect):
         return [
             Nuisance(
                 self.name, "s", 0.0, longest, 0.0, plan.shortest_step,
-                act=ramped, between=True, tries=tries, excludes=(RISE, SLEW),
+                act=mean_over_time, between=True, tries=tries, excludes=(RISE, SLEW),
             )
             for longest, tries in times_of_command(plan, TRIED)
         ]  # fmt: skip
