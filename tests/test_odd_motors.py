@@ -84,7 +84,7 @@ MOTORS = {
     "K falls with the current": {"weakens": 0.015},
     "rounded brush drop": {"drop": rounded},
     "sag by pulses": {"pulsed": 0.2},
-    "eddy currents": {"eddy": 0.1},
+    "eddy currents": {"eddy": 0.25},
 }
 
 
