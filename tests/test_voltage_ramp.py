@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 from estimator import estimate_parameters, recording_from_arrays
-from estimator.explaining.effects.average import mean_over_time
+from estimator.explaining.effects.time_mean import mean_over_time
 
 MOTOR = {"R": 1.6, "K": 0.04, "L": 2.4e-3, "J": 2.5e-5, "B": 4e-5}
 STEP, FINE = 1e-3, 40

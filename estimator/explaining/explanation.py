@@ -270,7 +270,8 @@ def in_place_of_model(explanation: Explanation, effects: Sequence[Effect], *, li
                 continue
             values = np.clip(fit.simulator.at(fit.values, known), fit.simulator.lower, fit.simulator.upper)
             begun = dataclasses.replace(fit, values=values, free=(*fit.free, name))
-            own = Addition(effect, name, 1, 0.0, free=(name,))
+            own = Addition(effect, name, 1, 0.0, free=(name,), tried=max(len(fit.simulator.nuisance(name).tries), 1))
+            own = dataclasses.replace(own, usual=_nearest_try(fit.simulator, name, known[name]))
             found.append(Explanation(solved(begun, limit=limit), (*explanation.additions, own)))
     return found
 
@@ -312,10 +313,16 @@ def _usual_near(addition: Addition, s: Simulator, known: Mapping[str, float]) ->
     """Return the usual size of an addition at another value of it: that of the nearest of several tries."""
     if addition.name not in known or addition.name not in s.index or not addition.usual:
         return addition.usual
-    nuisance, away = s.nuisance(addition.name), abs(known[addition.name] - s.neutral[addition.name])
+    return _nearest_try(s, addition.name, known[addition.name]) or addition.usual
+
+
+def _nearest_try(s: Simulator, name: str, value: float) -> float:
+    """Return the tried size of a nuisance parameter nearest to a value; 0: none, or a usual one is known."""
+    nuisance = s.nuisance(name)
+    away = abs(value - nuisance.neutral)
     sizes = [abs(x - nuisance.neutral) for x in nuisance.tries if x != nuisance.neutral]
     if nuisance.usual or len(sizes) < 2 or not away:
-        return addition.usual
+        return 0.0
     return min(sizes, key=lambda size: abs(float(np.log(size / away))))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from estimator.explaining.effects.ac_coupling import AcCoupling
-from estimator.explaining.effects.average import Average, MeanSpeed, TimeMean
+from estimator.explaining.effects.average import Average, MeanSpeed
 from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.explaining.effects.channel_delay import ChannelDelay
 from estimator.explaining.effects.common_mode import CommonMode
@@ -55,6 +55,7 @@ from estimator.explaining.effects.supply_drift import SupplyDrift
 from estimator.explaining.effects.supply_limit import SupplyLimit
 from estimator.explaining.effects.supply_ripple import SupplyRipple
 from estimator.explaining.effects.switching_ripple import SwitchingRipple
+from estimator.explaining.effects.time_mean import TimeMean
 from estimator.explaining.effects.unbalance import Unbalance
 from estimator.explaining.effects.voltage_noise import VoltageNoise
 from estimator.explaining.effects.voltage_offset import VoltageOffset

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.explaining.effects.base import Effect, longest_lateness
+from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit
 from estimator.fitting.simulator import Nuisance
 from estimator.plans.plan import ChainSpec, Plan
@@ -16,7 +16,6 @@ from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
 
-TIMES = (0.7, 1.5, 3.0, 6.0, 12.0)  # samples that a mean over a time lasts, of those that are tried
 SAMPLES = tuple(map(float, (2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)))  # what lies between is found from these
 
 
@@ -33,21 +32,6 @@ def mean_of_last(y: FloatArray, n: float, h: float) -> FloatArray:
 def mean_over_interval(y: FloatArray, n: float, h: float) -> FloatArray:
     """Return the mean over the last interval, of a signal on lines between its samples."""
     return np.concatenate([y[:1], 0.5 * (y[1:] + y[:-1])])
-
-
-def mean_over_time(y: FloatArray, length: float, h: float) -> FloatArray:
-    """Return the mean of y over the last `length` s, exact for a signal on lines between samples, at rest before."""
-    if length <= 0:
-        return y
-    rows, part = divmod(length / h, 1.0)
-    before = int(rows) + 1
-    known = np.concatenate([np.repeat(y[:1], before), y])
-    whole = np.zeros(len(known))
-    np.cumsum(0.5 * (known[1:] + known[:-1]), out=whole[1:])
-    n, begins = len(y), slice(1, 1 + len(y))  # the row behind which the mean begins, or at which
-    first = known[begins]
-    cut = whole[begins] - part * first + 0.5 * part**2 * (first - known[:n])
-    return np.asarray((whole[before:] - cut) * h / length)
 
 
 @dataclass(frozen=True)
@@ -90,27 +74,3 @@ class MeanSpeed(Effect):
             return ()
         act = mean_over_interval
         return [Nuisance(f"{self.name} w", "", 0.0, 1.0, 0.0, 1.0, output="w", act=act, tries=(1.0,), whole=True)]
-
-
-@dataclass(frozen=True)
-class TimeMean(Effect):
-    """A current whose converter takes its mean over a time, s, up to its instant: sigma-delta, or an integrator."""
-
-    name: str = "time mean"
-    prior: float = 0.1
-    sharp: bool = True
-    lateness: float = 0.5
-    sentence: str = "{channel} is a mean over the last {ms:.3g} ms: its converter's"
-
-    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return that of the current, where no mean is declared."""
-        h, longest = plan.shortest_step, longest_lateness(plan)
-        if "i" not in plan.outputs or "average i" in plan.declared or not plan.chains.get("i", ChainSpec()).is_plain:
-            return ()
-        tries = tuple(n * h for n in TIMES if n * h < 0.5 * longest)
-        return [
-            Nuisance(
-                f"{self.name} of i", "s", 0.0, longest, 0.0, h, output="i", act=mean_over_time, between=True,
-                tries=tries, excludes=("average i",),
-            )
-        ]  # fmt: skip

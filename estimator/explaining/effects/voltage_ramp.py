@@ -13,15 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.explaining.effects.average import mean_over_time
 from estimator.explaining.effects.base import SELDOM, Effect
-from estimator.explaining.effects.low_pass import FORMS, LATE_SPEED
+from estimator.explaining.effects.time_mean import mean_over_time, means_and_a_lag
 from estimator.explaining.effects.voltage_rise import NAME as RISE
 from estimator.explaining.effects.voltage_rise import times_of_command
 from estimator.fitting.fit import Fit
 from estimator.fitting.latency import EDGE
 from estimator.fitting.simulator import Nuisance
-from estimator.motor.winding import time_constant
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
@@ -29,7 +27,6 @@ FloatArray = NDArray[np.float64]
 MOST_CHANGES = 100  # of a recording: more are a signal
 ONE_SIZE = 0.05  # of the largest change: all are of one size, but for that
 SLEW = "slew limit"
-OF_RAMP = 0.6  # of its delay: means in its place come no further from that
 TRIED = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # samples that a ramp takes
 
 
@@ -81,17 +78,5 @@ class VoltageRamp(Effect):
 
         The winding keeps a half of what the means leave; the speed is later by what it has lost.
         """
-        s, h = fit.simulator, fit.simulator.plan.shortest_step
-        if not {"average i", "lag of i"} <= set(s.index) or not {"R", "L"} <= set(fit.free):
-            return ()
-        ramp, winding = self.lateness * fit.value(name), time_constant(fit.value("R"), fit.value("L"))
-        own = next(((f"{form} of w", late) for form, (_, late, _) in FORMS.items() if f"{form} of w" in fit.free), None)
-        speed, late = own or (LATE_SPEED, 1.0)
-        found = []
-        for n in s.nuisance("average i").tries:
-            half = 0.5 * (ramp + winding - 0.5 * (n - 1) * h)
-            if half > 0 and abs(0.5 * (n - 1) * h - ramp) < OF_RAMP * ramp:
-                later = {speed: fit.value(speed) + (ramp + winding - half) / late} if speed in s.index else {}
-                means = {name: 0.0, "average i": n, "lag of i": half}
-                found.append({**means, "L": fit.value("L") * half / winding, **later})
-        return found
+        ramp = self.lateness * fit.value(name)
+        return [{name: 0.0, **others} for others in means_and_a_lag(fit, ramp, of_speed=ramp)]
