@@ -93,12 +93,26 @@ class Explanation:
         """
         fit, s, total = self.fit, self.fit.simulator, 0.0
         usual = {a.name: a.usual for a in self.additions if a.usual}
-        variances, neutral = np.diag(fit.covariance_parts()[0]), s.neutral
+        variances, neutral, beside = np.diag(fit.covariance_parts()[0]), s.neutral, self._tried_beside()
         for name, x, variance, is_log in zip(fit.names, fit.estimates, variances, fit.is_log, strict=True):
             if name in usual and not is_log:
                 away = float(x) - neutral.get(name, 0.0)
                 total += 2 * float(np.log1p(away**2 / (usual[name] ** 2 + variance)))
+            elif is_log and name in beside:  # known to a factor of e about what is tried
+                away = min(abs(float(np.log(x / tried))) for tried in beside[name])
+                total += 2 * float(np.log1p(away**2 / (1.0 + variance)))
         return total
+
+    def _tried_beside(self) -> dict[str, list[float]]:
+        """Return what is tried of the numbers beside the first of what was added, above 0, by name."""
+        s = self.fit.simulator
+        found = dict[str, list[float]]()
+        for a in (a for a in self.additions if len(a.free) > 1):
+            for known in s.nuisance(a.name).together:
+                for name, tried in known.items():
+                    if name in a.free[1:] and tried > 0:
+                        found.setdefault(name, []).append(tried)
+        return found
 
     def sizes(self) -> dict[str, float]:
         """Return the usual sizes of the numbers that were added, on their scales, where they are known, by name.
