@@ -501,9 +501,6 @@ def test_a_small_current_that_ends_where_the_circuit_opens_is_not_late(seed, tmp
 
 
 @pytest.mark.full  # that a mean is found, of three lengths, is asked above; other rivals of filters below
-@pytest.mark.xfail(
-    reason="a mean over a time is as likely here, and beside it a friction that drifts instead of a sag: R 5 bars off"
-)
 def test_a_mean_of_fewer_samples_and_a_filter_are_tried_in_place_of_a_mean(tmp_path):
     """Behind a mean of five and a low-pass of 0.36 ms, which a mean of six resembles, L was 5 standard errors off.
 

@@ -162,7 +162,7 @@ def averaged(
         least = SMALL * np.where(fit.is_log[:p], 1.0, np.abs(own))
         apart = np.where(inside[:p] & (np.abs(there - own) > least), apart, 0.0)  # one at a bound is not told anyhow
         other_number = _numbers(rival) != _numbers(explanation) and _effects(rival) == _effects(explanation)
-        held = other_number or _holds(rival, explanation)  # by the bars alone
+        held = other_number or _holds(rival, explanation) or _is_last(rival, explanation)  # by the bars alone
         farthest = float(np.max(apart, initial=0.0))
         is_near = behind < TOLD_WITHIN and farthest > DIFFERS and not held
         if is_near or (behind < FAR_WITHIN and farthest > ELSEWHERE and _differ_in_timing(rival, explanation)):
@@ -194,6 +194,12 @@ def _differ_in_timing(one: Explanation, other: Explanation) -> bool:
 def _holds(rival: Explanation, explanation: Explanation) -> bool:
     """Whether a rival is the explanation with more."""
     return explanation.names() < rival.names()
+
+
+def _is_last(rival: Explanation, explanation: Explanation) -> bool:
+    """Whether a rival has what is told only where no explanation without it is near, and is harmless."""
+    new = (a.effect for a in rival.additions if a.name not in explanation.names())
+    return any(effect.is_last and not effect.doubt for effect in new)
 
 
 def _beside(own: FloatArray, rival: Explanation, log: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:

@@ -84,7 +84,8 @@ def _likelier(selection: Selection, explanation: Explanation, others: Sequence[E
     """Return the likeliest of other explanations that needs no doubt, if it is likelier than an explanation."""
     n, own = selection.tests.samples, explanation.names()
     rivals = _nearest(selection, explanation, others)
-    sound = [r for r in rivals if not any(a.effect.doubt and a.name not in own for a in r.additions)]
+    last = [r for r in rivals if any((a.effect.doubt or a.effect.is_last) and a.name not in own for a in r.additions)]
+    sound = [r for r in rivals if not any(r is other for other in last)]
     sound = [r for r in sound if _tells(r) >= _tells(explanation)]
     excess, most = explanation.excess(n), explanation.evidence(n) + RIVALS_WITHIN
     sound = [r for r in sound if r.evidence(n) < most]  # what it finds may be of a size that hardly any bench has

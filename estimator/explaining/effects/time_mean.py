@@ -76,6 +76,7 @@ class TimeMean(Effect):
     name: str = "time mean"
     prior: float = SELDOM
     sharp: bool = True
+    is_last: bool = True
     lateness: float = 0.5
     sentence: str = "{channel} is a mean over the last {ms:.3g} ms: its converter's"
 
