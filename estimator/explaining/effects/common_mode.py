@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.explaining.effects.slow_pwm import NAME as PULSES
+from estimator.explaining.effects.voltage_noise import around_of
 from estimator.explaining.effects.voltage_rise import NOISY
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.motor_response import as_current, motor_values
@@ -42,9 +43,9 @@ class CommonMode(Effect):
             return ()  # the voltage that the sensor sees is not the recorded one
         if all(o.excitation.kind == "step" and not o.excitation.running for o in s.plan.observed):
             return ()  # nothing tells it from B
-        v = s.inputs("v")
+        v = s.inputs("v") - fit.once(around_of)
         largest = float(np.max(np.abs(v), initial=0.0))
-        if not largest > 0 or any(input_noise(o.inputs["v"]) > NOISY * largest for o in s.plan.observed):
+        if not largest > 0 or any(input_noise(v[clock.rows]) > NOISY * largest for clock in s.clocks):
             return ()  # a controller of the current answers to the noise of its sensor by such a voltage
         whole, found = s.plan.largest("i") / largest, []
         for late in ROWS_LATE:

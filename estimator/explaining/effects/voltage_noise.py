@@ -46,7 +46,7 @@ class VoltageNoise(Effect):
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the response, with opposite sign, to what is noise in the logged voltage."""
-        around = _around(fit)
+        around = fit.once(around_of)
         if not around.any():
             return ()
         columns = late_response(fit, -around)[:, :, None]
@@ -70,7 +70,7 @@ def without_noise(fit: Fit, plan: Plan) -> Plan | None:
     if off < -max(ALL_OF_IT, FAR * deviation):  # more than all of it is all of it
         return None
     s = fit.simulator
-    around, shown = _around(fit), np.nan_to_num(fit.explained)
+    around, shown = around_of(fit), np.nan_to_num(fit.explained)
     return quieted(plan, [around[c.rows] for c in s.clocks], [shown[c.rows] for c in s.clocks])
 
 
@@ -171,7 +171,7 @@ def _between_rows(quiet: FloatArray, parts: Sequence[tuple[slice, FloatArray]]) 
     return columns
 
 
-def _around(fit: Fit) -> FloatArray:
+def around_of(fit: Fit) -> FloatArray:
     """Return the noise of the voltages, (rows,); zero where there is none, or the fit is no motor's."""
     s = fit.simulator
     around = np.zeros(s.rows)
