@@ -20,7 +20,7 @@ from estimator.explaining.explanation import (
     without,
 )
 from estimator.explaining.explanation_noise import by_noise_of, with_noise
-from estimator.explaining.selection import MISSED, PREDICTED_PART, Selection, of_same_channel
+from estimator.explaining.selection import ABSURD, MISSED, PREDICTED_PART, Selection, of_same_channel
 from estimator.fitting.gauss_newton import ROUGH, solved, solved_roughly
 from estimator.motor.winding import time_constant
 from estimator.plans.part import LONG
@@ -35,7 +35,6 @@ MOST_FULLER, LEAST_GAIN = 4, 3.0  # rivals to which one more is added; fall of z
 OTHER_INDUCTANCE, BETWEEN = 5.0, 0.4  # times L; samples of L / R, of which one minimum is below, the other above
 SAME = 0.1  # standard errors: explanations that are no further apart are one
 MOST_ALIKE = 2  # additions of an effect that are exchanged: many recordings with an offset each tell it by themselves
-ABSURD = 2 * float(np.log(100.0))  # of the criterion: what no bench does has a chance of 1 in 100, by a wrong clock
 MOST_LED_BACK = 3  # explanations, the likeliest first, from which what is absurd is taken away
 MOST_ROWS = 140_000  # between the samples, of all recordings: with more a fit takes minutes where the FMU has modes
 MOST_LEFT = 10.0  # of z'z: what the last of them changes at most, ten times as much as the next would
@@ -84,13 +83,17 @@ def _likelier(selection: Selection, explanation: Explanation, others: Sequence[E
     """Return the likeliest of other explanations that needs no doubt, if it is likelier than an explanation."""
     n, own = selection.tests.samples, explanation.names()
     rivals = _nearest(selection, explanation, others)
-    last = [r for r in rivals if any((a.effect.doubt or a.effect.is_last) and a.name not in own for a in r.additions)]
-    sound = [r for r in rivals if not any(r is other for other in last)]
+    sound = [r for r in rivals if not any(a.effect.doubt and a.name not in own for a in r.additions)]
     sound = [r for r in sound if _tells(r) >= _tells(explanation)]
     excess, most = explanation.excess(n), explanation.evidence(n) + RIVALS_WITHIN
     sound = [r for r in sound if r.evidence(n) < most]  # what it finds may be of a size that hardly any bench has
-    best = min(sound, key=lambda e: e.criterion(n, excess), default=explanation)
-    is_likelier = best.criterion(n, excess) <= explanation.criterion(n, excess) - excess * EXCHANGED
+
+    def charged(e: Explanation) -> float:
+        is_last = any(a.effect.is_last and a.name not in own for a in e.additions)
+        return e.criterion(n, excess) + (ABSURD if is_last else 0.0)
+
+    best = min(sound, key=charged, default=explanation)
+    is_likelier = charged(best) <= explanation.criterion(n, excess) - excess * EXCHANGED
     return best if is_likelier else None
 
 

@@ -84,6 +84,7 @@ MUCH = 4.0  # likewise: with more the noise is hardly a part of it
 WORTH = 0.02  # of what its outputs miss then: what explains less makes up for another effect, that is not known
 COMPARED, DOUBLINGS = 2.0, 2  # of z'z: more rows between the samples change less, while rivals are compared; at most
 LEAST_LEFT = 0.05  # of a parameter that never vanishes, where a score test takes it below
+ABSURD = 2 * float(np.log(100.0))  # of the criterion: what no bench does has a chance of 1 in 100, by a wrong clock
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
 
 
@@ -226,22 +227,24 @@ class Selection:
     def retimed(self, explanation: Explanation, *, colour: bool = True) -> Explanation:
         """Return an explanation that misses more than noise with another timing of a channel, where that explains more.
 
-        Beside what was not known yet a filter may have fitted better than a mean. What came then makes up for it.
+        Beside what was not known yet a filter may have fitted better than a mean. What came then makes up for it. And
+        what is told only where no explanation without it is near is exchanged for one that is.
         """
         n = self.tests.samples
         channel = {nuisance.name: nuisance.channel for nuisance in self.tests.base.nuisances}
         sharp = [e for e in self.effects if e.sharp and not e.is_line]
         for a in [a for a in explanation.additions if is_timing(a) and channel.get(a.name)]:
-            if explanation.excess(n) <= MISSED:
-                break
+            if explanation.excess(n) <= MISSED and not a.effect.is_last:
+                continue
             bare = without(explanation, a, iterations=0)
-            best = explanation
-            for b in self.tests.additions(bare, sharp):
+            found, most = list[Explanation](), explanation.criterion(n) + (ABSURD if a.effect.is_last else 0.0)
+            for b in self.tests.additions(bare, [e for e in sharp if not (a.effect.is_last and e.is_last)]):
                 if is_timing(b) and b.name != a.name and channel.get(b.name) == channel[a.name]:
-                    found = self.added(bare, b, limit=best.fit.cost)
-                    best = min(best, found, key=lambda e: e.criterion(n)) if found.is_physical() else best
-            if best is not explanation:
-                explanation = with_noise(best, self.differenced, colour=colour, again=True)
+                    other = self.added(bare, b, limit=most)
+                    if other.is_physical() and other.criterion(n) < most:
+                        found, most = [other], other.criterion(n)
+            if found:
+                explanation = with_noise(found[0], self.differenced, colour=colour, again=True)
         return explanation
 
     def at_best(self, best: Explanation) -> Explanation:
