@@ -273,7 +273,7 @@ def _fuller(selection: Selection, explanation: Explanation, rivals: Sequence[Exp
         missing = base.fit.cost - explanation.fit.cost - RIVALS_WITHIN
         effects = selection.effects if base is explanation else sharp  # all of its own are known already
         tested = [a for a in selection.tests.additions(base, effects) if a.gain > max(missing, LEAST_GAIN)]
-        timing = [a for a in tested if is_timing(a)]
+        timing = [a for a in tested if is_timing(a) and not a.effect.is_last]
         far = [a for a in tested if a.effect.fmu and a.free and a.gain > a.penalty(n) - RIVALS_WITHIN]
         for likely in (timing, far):
             for a in sorted(likely, key=lambda a: -a.gain)[:1]:
@@ -365,7 +365,8 @@ def _retimed(selection: Selection, rival: Explanation, gone: Addition) -> Explan
 
     Dry friction stands for a delay of the speed: what then makes the current late is another than beside the delay.
     """
-    tested = [a for a in selection.tests.additions(rival, selection.effects) if is_timing(a) and a.name != gone.name]
+    usual = [e for e in selection.effects if not e.is_last]
+    tested = [a for a in selection.tests.additions(rival, usual) if is_timing(a) and a.name != gone.name]
     for a in sorted(tested, key=lambda a: -a.gain)[:1]:
         if a.gain > LEAST_GAIN:
             return selection.without_idle(selection.added(rival, a))
@@ -397,7 +398,7 @@ def _simpler(selection: Selection, explanation: Explanation, within: Sequence[Ad
         bare = without(without(explanation, one, iterations=0), two)
         tested = [
             a
-            for a in selection.tests.additions(bare, selection.effects)
+            for a in selection.tests.additions(bare, [e for e in selection.effects if not e.is_last])
             if is_timing(a) and a.name not in (one.name, two.name)
         ]
         ranked, nearest = sorted(tested, key=lambda a: -a.gain), np.inf

@@ -74,7 +74,7 @@ class TimeMean(Effect):
     """A current whose converter takes its mean over a time, s, up to its instant: sigma-delta, or an integrator."""
 
     name: str = "time mean"
-    prior: float = SELDOM
+    prior: float = SELDOM / 10
     sharp: bool = True
     is_last: bool = True
     lateness: float = 0.5
