@@ -149,7 +149,7 @@ def emulated(resistance, seed, *, k=0.05, inertia=2e-5, noise=(0.01, 0.3)):
     return recording_from_arrays(f"run_{seed}", np.arange(n) * h, signals)
 
 
-@pytest.mark.parametrize("spread", [0.0, 0.02])
+@pytest.mark.parametrize("spread", [pytest.param(0.0, marks=pytest.mark.full), 0.02])
 def test_a_resistance_that_differs_from_run_to_run_is_found_through_the_fmu(spread):
     ohms = 3.1 * (1 + spread * np.array([-0.83, -1.37, 0.32, 1.19, 0.69]))  # of deviation 1 about
     found = estimate_parameters([emulated(r, k) for k, r in enumerate(ohms, start=1)], workers=1)

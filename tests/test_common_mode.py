@@ -56,6 +56,7 @@ def test_after_one_step_it_is_no_rival_as_nothing_tells_it_from_friction():
     assert "common mode of i" not in {hidden.effect for hidden in result.not_visible}, result.not_visible
 
 
+@pytest.mark.full
 def test_of_a_slow_voltage_with_noise_it_is_named_as_what_would_not_show():
     """A knob turned by hand, 0.2 % of noise: K was 23 standard errors off, ok, and nothing named it."""
     t = STEP * np.arange(1500)

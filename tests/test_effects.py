@@ -382,6 +382,7 @@ def test_a_motor_that_turns_before_its_voltage_is_not_taken_for_slow_sensors():
     assert worst(result) < 4.5 and result.verdict == "ok", result.reasons
 
 
+@pytest.mark.full
 def test_a_filter_acts_on_a_current_that_is_faster_than_the_rows_between_samples():
     values = {"R": 0.9, "K": 0.036, "L": 1.3e-4, "J": 2.8e-4, "B": 5.6e-5}
     R, K, L, J, B = values.values()
