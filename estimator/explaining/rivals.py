@@ -320,7 +320,7 @@ def _exchanged(
     ranked = sorted((a for a in likely if not (sharp_too and is_timing(a))), key=lambda a: behind[a.name])
     likely = list({(a.effect.name, _shown_in(a)): a for a in reversed(ranked)}.values())[::-1][:RIVALS_REFITTED]
     if sharp_too:
-        likely += [a for a in tested if is_timing(a)]
+        likely += [a for a in tested if is_timing(a) and not a.effect.is_last]
     most = explanation.criterion(n) + 2 * RIVALS_WITHIN
     beside_timing = any(is_timing(a) for a in bare.additions)
     for other in likely:

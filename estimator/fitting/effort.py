@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from estimator.plans.plan import Plan
 
-MOST_SAMPLES = 420_000_000  # of all outputs, shown for one explanation: half a minute or a minute
+MOST_SAMPLES = 520_000_000  # of all outputs, shown for one explanation: half a minute or a minute
 EACH = 5000  # samples that a candidate costs beside its own, roughly: short recordings have no more time than long ones
 LEAST_CANDIDATES = 1000  # that are shown at least, however long the recordings are
 A_SAMPLE = 5  # steps that cost as much as a sample that is shown, roughly
