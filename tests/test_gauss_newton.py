@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import effect_bench
 import numpy as np
 import pytest
 from effect_bench import NOISE, TRUE, lagged, recording
@@ -71,6 +72,23 @@ def test_a_valley_that_is_curved_is_followed_to_its_lowest_point():
             start = {**TRUE, "friction": friction, "B": TRUE["B"] + (0.014 - friction) / speed}
             costs.append(solve(new_fit(simulator, simulator.values(start), plan.names, noise)).cost)
     assert costs == pytest.approx(costs[:1] * 3, abs=0.01)
+
+
+def test_a_number_that_is_nearly_zero_on_a_logarithm_does_not_shorten_the_step_of_the_others(monkeypatch):
+    """All friction is dry: B goes to its bound, near which a step of its logarithm is as long as one likes."""
+    free = {name: ParameterSpec(name) for name in TRUE} | {"friction": ParameterSpec("friction", 0.0, 0.1)}
+    case = dataclasses.replace(CASE, fmu="dc_motor_drive", parameters=free)
+    settled = TRUE["B"] * 161.0
+    monkeypatch.setattr(effect_bench, "B", 1e-9)
+    plan = plan_case(case, bundled_model("dc_motor_drive"), recordings=[recording("step", friction=settled)])
+    noise = NoiseModel.plain(np.array([NOISE["i"], NOISE["w"]]), (-1, -1))
+    costs = []
+    with Workers(1) as crew:
+        simulator = Simulator(plan, (), crew, {"i": 1.0, "w": 1.0})
+        for friction, b in ((settled, 1e-9), (1.2 * settled, 1e-8), (0.8 * settled, 3e-12), (1.1 * settled, 1e-11)):
+            start = {**TRUE, "friction": friction, "B": b}
+            costs.append(solved_roughly(new_fit(simulator, simulator.values(start), plan.names, noise)).cost)
+    assert costs == pytest.approx(costs[:1] * 4, abs=0.2)
 
 
 def test_a_fit_that_another_noise_follows_simulates_no_derivatives_where_it_ends():

@@ -44,23 +44,27 @@ typedef struct {
     /* Where it stands. */
     int64_t left, simulated, have, moved, corrects, bent;
     double cost, damping, predicted;
-    double *x, *tried, *g, *bend, *dx, *scale; /* [f] each */
+    double *x, *tried, *g, *bend, *dx, *scale, *rest; /* [f] each */
     double *a, *normal, *turn;                 /* [f][f] each, row by row */
     int64_t *open;                             /* [f] */
 } GaussNewton;
 
 /* Numbers of memory that a fit of f values needs. */
-static int64_t gauss_newton_numbers(int64_t f) { return 7 * f + 3 * f * f; }
+static int64_t gauss_newton_numbers(int64_t f) { return 8 * f + 3 * f * f; }
 
-/* The damped step that minimises |g - a dx|, into dx; zero for what is at a bound that it would leave. */
+/* The damped step that minimises |g - a dx| among those within the bounds and no longer than the longest, into dx.
+ *
+ * What would go further stays at its edge, and the others are solved for beside it: the logarithm of a number that is
+ * nearly zero changes nothing, and its step is as long as one likes. A step that is shortened for it moves nothing. */
 static void damped_step(GaussNewton *fit, const double *a, const double *g, const double *x) {
     const int64_t f = fit->f;
     int64_t many = 0, *open = fit->open;
-    double *scale = fit->scale, *normal = fit->normal, *dx = fit->dx;
+    double *scale = fit->scale, *normal = fit->normal, *dx = fit->dx, *rest = fit->rest;
     for (int64_t k = 0; k < f; k++) open[many++] = k;
+    memcpy(rest, g, (size_t)f * sizeof(double));
     while (many > 0) {
-        int64_t left = 0;
-        for (int64_t k = 0; k < f; k++) dx[k] = 0.0;
+        double furthest = 1.0, edge = 0.0;
+        int64_t worst = -1;
         for (int64_t i = 0; i < many; i++) {
             double square = 0.0;
             for (int64_t r = 0; r < f; r++) square += a[r * f + open[i]] * a[r * f + open[i]];
@@ -68,7 +72,7 @@ static void damped_step(GaussNewton *fit, const double *a, const double *g, cons
         }
         for (int64_t i = 0; i < many; i++) { /* Cholesky's factor of the damped products, and its inverse on a'g */
             double along = 0.0;
-            for (int64_t r = 0; r < f; r++) along += a[r * f + open[i]] / scale[i] * g[r];
+            for (int64_t r = 0; r < f; r++) along += a[r * f + open[i]] / scale[i] * rest[r];
             for (int64_t j = 0; j <= i; j++) {
                 double product = i == j ? fit->damping : 0.0;
                 for (int64_t r = 0; r < f; r++)
@@ -86,13 +90,17 @@ static void damped_step(GaussNewton *fit, const double *a, const double *g, cons
         for (int64_t i = 0; i < many; i++) dx[open[i]] /= scale[i];
         for (int64_t i = 0; i < many; i++) {
             const int64_t k = open[i];
-            const int out = (x[k] <= fit->low[k] && dx[k] < 0) || (x[k] >= fit->high[k] && dx[k] > 0);
-            if (!out) open[left++] = k;
+            const double least = fmax(fmin(fit->low[k] - x[k], 0.0), -fit->longest[k]);
+            const double most = fmin(fmax(fit->high[k] - x[k], 0.0), fit->longest[k]);
+            const double end = dx[k] < 0 ? least : most, times = fabs(dx[k]) / fmax(fabs(end), 1e-300);
+            if (times > furthest) furthest = times, worst = i, edge = end;
         }
-        if (left == many) return;
-        many = left;
+        if (worst < 0) return;
+        const int64_t k = open[worst];
+        dx[k] = edge;
+        for (int64_t r = 0; r < f; r++) rest[r] -= a[r * f + k] * edge;
+        open[worst] = open[--many];
     }
-    for (int64_t k = 0; k < f; k++) dx[k] = 0.0;
 }
 
 static double between(double x, double low, double high) { return fmin(fmax(x, low), high); }
@@ -115,11 +123,10 @@ static int64_t end_of_steps(GaussNewton *fit) {
 
 static int64_t try_step(GaussNewton *fit) {
     const int64_t f = fit->f;
-    double part = 1.0, square = 0.0, left = 0.0;
+    double square = 0.0, left = 0.0;
     if (!(fit->damping < LAST_DAMPING)) return end_of_steps(fit);
     damped_step(fit, fit->a, fit->g, fit->x);
-    for (int64_t k = 0; k < f; k++) part = fmin(part, fit->longest[k] / fmax(fabs(fit->dx[k]), 1e-300));
-    for (int64_t k = 0; k < f; k++) fit->tried[k] = between(fit->x[k] + part * fit->dx[k], fit->low[k], fit->high[k]);
+    for (int64_t k = 0; k < f; k++) fit->tried[k] = between(fit->x[k] + fit->dx[k], fit->low[k], fit->high[k]);
     for (int64_t r = 0; r < f; r++) {
         double rest = fit->g[r];
         for (int64_t k = 0; k < f; k++) rest -= fit->a[r * f + k] * (fit->tried[k] - fit->x[k]);
@@ -135,9 +142,9 @@ static int64_t try_step(GaussNewton *fit) {
 /* Begin at x, whose cost is known; `have`: and derivatives too. */
 static int64_t gauss_newton_begin(GaussNewton *fit, const double *x, double cost, int64_t have, double *memory) {
     const int64_t f = fit->f;
-    double **rows[] = {&fit->x, &fit->tried, &fit->g, &fit->bend, &fit->dx, &fit->scale};
+    double **rows[] = {&fit->x, &fit->tried, &fit->g, &fit->bend, &fit->dx, &fit->scale, &fit->rest};
     double **squares[] = {&fit->a, &fit->normal, &fit->turn};
-    for (int k = 0; k < 6; k++, memory += f) *rows[k] = memory;
+    for (int k = 0; k < 7; k++, memory += f) *rows[k] = memory;
     for (int k = 0; k < 3; k++, memory += f * f) *squares[k] = memory;
     fit->open = (int64_t *)(void *)memory;
     memcpy(fit->x, x, (size_t)f * sizeof(double));
