@@ -1,4 +1,4 @@
-"""How far the numbers can be trusted: every table of docs/recordings.md, on emulated benches, over seeds.
+"""How far the numbers can be trusted: every table of docs/trust.md, on emulated benches, over seeds.
 
     OPENBLAS_NUM_THREADS=1 python benchmarks/trust.py bound      RMS error over the Cramér–Rao bound, by every method
     … coverage   how often 95 % intervals cover the truth, ideal and quantised

@@ -1,4 +1,4 @@
-"""A sample of the tables of docs/recordings.md, with fixed seeds: the same recordings at every run.
+"""A sample of the tables of docs/trust.md, with fixed seeds: the same recordings at every run.
 
 `benchmarks/trust.py` makes the tables; here each line has a few recordings, and the long ones are `full`.
 """

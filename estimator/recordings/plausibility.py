@@ -6,7 +6,7 @@ scale of the speed within the range of real motors, and the scale of the current
 where the motor that follows does not exist: limits are those of brushed motors on 3 to 100 V, of bare shafts and with
 gears. Where nobody said the unit, the limits are narrower.
 
-How often a detector is wrong on good recordings, and how often it finds what it is for, is in docs/recordings.md.
+How often a detector is wrong on good recordings, and how often it finds what it is for, is in docs/reading.md.
 """
 
 from __future__ import annotations
