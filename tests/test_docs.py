@@ -97,7 +97,7 @@ def test_the_bar_of_the_site_has_at_most_seven_entries():
 
 PROBE = """<script>addEventListener("load", () => {
   const input = document.getElementById("mkdocs-search-query");
-  input.value = "encoder phase";
+  input.value = "encoder eccentricity";
   input.dispatchEvent(new Event("input"));
   setInterval(() => {
     const found = [...document.querySelectorAll("#mkdocs-search-results a")].map(a => a.getAttribute("href"));
