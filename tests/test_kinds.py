@@ -12,7 +12,7 @@ from motors import CML050, NAMES, step_recording, write_recording
 import fmu_build
 from estimator.cases.case import SearchSpec, case_for_recording, read_case
 from estimator.commands.options import with_options
-from estimator.errors import SimulationError
+from estimator.errors import FmuError, SimulationError
 from estimator.estimating.estimate import estimate
 from estimator.fitting.problem import Problem
 from estimator.fmus.fmu import describe
@@ -70,6 +70,14 @@ def test_model_exchange_is_estimated_to_1e_5(tmp_path, recording):
     assert worst(e) < 1e-5
     assert (e.fmu["kind"], e.fmu["fmi_version"]) == ("model-exchange", "2.0")
     assert re.match(r"one simulation of this FMU takes [\d.e-]+ s; some \d+ of them", e.notes[0])
+
+
+def test_model_exchange_whose_structure_names_no_derivatives_is_refused_with_that_reason(tmp_path, recording):
+    derivative = ('(name="motor.ia".*?<Real )', r'\1derivative="1" ')
+    change = [("<Derivatives>.*?</Derivatives>", ""), derivative]
+    fmu = foreign_fmu(tmp_path, kinds=("model-exchange",), change=change)
+    with pytest.raises(FmuError, match=r"ModelStructure of foreign.fmu names no derivatives, .* \(motor.ia\)"):
+        estimate(read_case(foreign_case(fmu, recording)))
 
 
 def test_model_exchange_of_fmi_1_is_estimated_to_1e_5(tmp_path, recording):

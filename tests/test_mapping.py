@@ -1,6 +1,7 @@
 """An FMU whose names, units and types differ is estimated through the case file's mapping."""
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
@@ -104,6 +105,16 @@ def test_an_output_that_counts_the_other_way_is_told_before_the_search_and_turne
     assert "foreign.fmu counts i the other way than the recording: say gain = -1 of i under" in refused.reasons[0]
     turned = CASE.replace('fmu = "motor.ia" ', 'fmu = "motor.ia", gain = -1 ')
     assert worst(estimate(read_case(foreign_case(fmu, recording, text=turned)))) < 1e-8
+
+
+def test_an_input_that_no_column_drives_is_told_with_its_value(tmp_path, recording):
+    change = ('causality="parameter" variability="fixed"><Real unit="Ohm"', 'causality="input"><Real unit="Ohm"')
+    fmu = foreign_fmu(tmp_path, change=[change])
+    text = re.sub(r"(?m)^R = .*\n", "", CASE)
+    told = plan_case(read_case(foreign_case(fmu, recording, text=text)), describe(fmu)).notes
+    assert "inputs that no column drives are held at the FMU's own value: motor.Ra = 3 Ohm" in "; ".join(told)
+    told = plan_case(read_case(foreign_case(fmu, recording)), describe(fmu)).notes
+    assert "inputs" not in "; ".join(told)
 
 
 def test_roles_shorten_the_search_on_foreign_names(plain_fmu, recording):

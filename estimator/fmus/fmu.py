@@ -67,6 +67,7 @@ class FmuDescription:
     description: str = ""
     model_exchange_identifier: str | None = None
     counts: tuple[int, int] = (0, 0)  # continuous states and event indicators
+    unlisted: tuple[str, ...] = ()  # derivatives, where the structure names none: how many states there are is not said
     kind: str = "co-simulation"  # what is used; co-simulation where both are offered: the FMU then brings its solver
     restart: str = "reset"  # how it begins again: "reset", "re-instantiate" or "fresh process" (probe.py)
     probe_simulations: int = 0  # that it took to find out
@@ -274,9 +275,16 @@ def _described(description: Any, path: Path, *, warnings: tuple[str, ...], bundl
         description=description.description or "",
         model_exchange_identifier=identifiers[1],
         counts=(int(description.numberOfContinuousStates or 0), int(description.numberOfEventIndicators or 0)),
+        unlisted=() if description.numberOfContinuousStates else _derivatives(description),
         kind=kinds[0] if kinds else "co-simulation",
         is_bundled=bundled,
     )
+
+
+def _derivatives(description: Any) -> tuple[str, ...]:
+    """Return the names of what an FMU says to be derivatives of states."""
+    found = [(v.name, getattr(v, "derivative", None)) for v in description.modelVariables]
+    return tuple(name for name, state in found if state is not None and getattr(state, "causality", "") != "input")
 
 
 def with_kind(description: FmuDescription, kind: str | None) -> FmuDescription:
@@ -305,6 +313,15 @@ def check_usable(description: FmuDescription) -> None:
         raise FmuError(f"{name} offers neither co-simulation nor model exchange; export it as a co-simulation FMU")
     if description.fmi_version[:2] not in ("1.", "2.", "3."):
         raise FmuError(f"{name} is FMI {description.fmi_version}; export it as FMI 1.0, 2.0 or 3.0")
+    if description.kind == "model-exchange" and description.unlisted:
+        shown = ", ".join(description.unlisted[:NAMES_SHOWN])
+        more = len(description.unlisted) - NAMES_SHOWN
+        remedy = "use its co-simulation" if "co-simulation" in description.kinds else "export it as co-simulation"
+        raise FmuError(
+            f"the ModelStructure of {name} names no derivatives, though its variables hold some ({shown}"
+            f"{f' and {more} more' if more > 0 else ''}), so its model exchange has no states to integrate; {remedy},"
+            " or have them named"
+        )
     here = (fmpy.platform, fmpy.platform_tuple)
     if not set(here) & set(description.platforms):
         there = ", ".join(description.platforms) or "none"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -108,10 +109,23 @@ def held_parameters(binding: Binding) -> tuple[str, ...]:
         held = [v for v in held if v.name in MOTOR]
     if not held:
         return ()
-    listed = ", ".join(f"{v.name} = {_number(v.start):.6g} {v.unit}".rstrip() for v in held[:MOST_HELD])
-    more = f" and {len(held) - MOST_HELD} more" if len(held) > MOST_HELD else ""
     unless = " unless the recording shows another" if _may_show_another(binding) else ""
-    return (f"held at the FMU's own value{unless}: {listed}{more}; name under [parameters] what is to be estimated",)
+    return (f"held at the FMU's own value{unless}: {_listed(held)}; name under [parameters] what is to be estimated",)
+
+
+def held_inputs(binding: Binding) -> tuple[str, ...]:
+    """Return a sentence about the FMU's inputs that nothing drives and nobody named; no load is what everyone takes."""
+    driven = {binding.signal(name).name for name in binding.channels[0].inputs}
+    taken = driven | {*binding.case.fixed, *(target for spec in binding.free for target in spec.fmu)}
+    held = {n: v for n, v in binding.inputs.items() if v.name not in taken and v.is_real and v.start is not None}
+    told = [v for n, v in held.items() if v.start != 0 or not (n == "load" or binding.is_motor)]
+    if not told:
+        return ()
+    first = shlex.quote(f"{told[0].name}=VALUE")
+    return (
+        f"inputs that no column drives are held at the FMU's own value: {_listed(told)}; --fix {first} gives another,"
+        " and what is named under [parameters] is estimated",
+    )
 
 
 def units_taken(binding: Binding) -> tuple[str, ...]:
@@ -140,6 +154,12 @@ def never_named(binding: Binding) -> tuple[str, ...]:
 def _held(binding: Binding) -> list[Variable]:
     taken = {*binding.case.fixed, *(target for spec in binding.free for target in spec.fmu)}
     return [v for v in binding.parameters.values() if v.name not in taken and v.is_real and v.start is not None]
+
+
+def _listed(held: Sequence[Variable]) -> str:
+    """Return variables with the values that they are held at, the first ones."""
+    listed = ", ".join(f"{v.name} = {_number(v.start):.6g} {v.unit}".rstrip() for v in held[:MOST_HELD])
+    return f"{listed} and {len(held) - MOST_HELD} more" if len(held) > MOST_HELD else listed
 
 
 def _may_show_another(binding: Binding) -> bool:

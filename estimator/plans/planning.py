@@ -16,7 +16,7 @@ from estimator.errors import CaseError, RecordingError, suggestion
 from estimator.fmus.fmu import FmuDescription
 from estimator.method_names import WITHOUT_POLISH
 from estimator.plans.binding import Binding, bind
-from estimator.plans.free_parameters import first_guess, free_parameters, held_parameters, units_taken
+from estimator.plans.free_parameters import first_guess, free_parameters, held_inputs, held_parameters, units_taken
 from estimator.plans.observing import check_delay, observe, within
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import ChainSpec, Observed, Plan
@@ -91,6 +91,7 @@ def plan_case(
         notes=(
             *units_taken(binding),
             *held_parameters(binding),
+            *held_inputs(binding),
             *_copies(observed),
             *(note for o in observed for note in o.notes),
         ),
