@@ -35,6 +35,11 @@ from estimator.recordings.units import parse_unit
         ("I_mA", "I", "A"),
         ("I_A", "I", "A"),
         ("current mA", "current", "A"),
+        ("motor_current_ma", "motor_current", "A"),
+        ("i_ma", "i", "A"),
+        ("voltage_mv", "voltage", "V"),
+        ("CURRENT_UA", "CURRENT", "A"),
+        ("TIME_MS", "TIME", "s"),
         ("theta_deg", "theta", "rad"),
         ("bus_voltage_mV", "bus_voltage", "V"),
         ("armature voltage [V]", "armature voltage", "V"),
@@ -49,7 +54,25 @@ def test_name_and_unit_are_told_apart(text: str, name: str, si: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["U_a", "U_A", "u_m", "w_m", "w_min", "n_m", "i_a", "v", "speed", "channel A", "gear/box", "ω", "x_1"]
+    "text",
+    [
+        "U_a",
+        "U_A",
+        "u_m",
+        "w_m",
+        "w_min",
+        "n_m",
+        "i_a",
+        "v",
+        "speed",
+        "channel A",
+        "gear/box",
+        "ω",
+        "x_1",
+        "ua",
+        "um",
+        "u_ma",
+    ],
 )
 def test_a_name_without_a_unit_stays_whole(text: str) -> None:
     header = parse_header(text)
@@ -152,6 +175,8 @@ def test_usual_names_are_known_when_two_words_are_written_as_one(name, role):
         ("Encoder RPM", "w", "RPM"),
         ("left_rpm", "w", "rpm"),
         ("motor_mA", "i", "mA"),
+        ("motor_ma", "i", "ma"),
+        ("ma", "i", "ma"),
         ("motor_V", "v", "V"),
         ("elapsed (s)", "time", "s"),
     ],

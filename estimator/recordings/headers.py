@@ -141,6 +141,8 @@ _SIDES = tuple(
 )
 _SIDE = frozenset(word for side in _SIDES for word in side)
 _NEVER_SUFFIX = frozenset({"min", "s", "m", "K", "N", "H", "W", "1", "-", "g", "inc", "turn", "count", "rev"})
+# Units that need two cases, behind a name that is all in one: current_ma, TIME_MS.
+_IN_ONE_CASE = {unit.lower(): unit for unit in ("mV", "uV", "kV", "mA", "uA", "ms", "us")}
 _WIDE = str.maketrans("（）［］／", "()[]/")  # as Chinese and Japanese headers have them
 _IN = re.compile(r"(?P<name>.+?) in (?P<unit>.+)")
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))", re.DOTALL)
@@ -259,11 +261,14 @@ def parse_header(text: str) -> Header:
     worded = _IN.fullmatch(text)
     if worded and (unit := parse_unit(worded["unit"])):
         return Header(text, worded["name"], unit, worded["unit"])
-    if len(text) > 1 and (unit := parse_unit(text, symbols_only=True)):
+    bare = parse_unit(text, symbols_only=True) if len(text) > 1 else None
+    bare = bare if bare and quantity_of(text) in (None, bare.quantity) else None  # "um" is a voltage
+    if unit := bare or _in_one_case(text, text):
         return Header(text, text, unit, text)  # "rpm", "amps", "ticks_per_sec": the unit is the name
     for place in re.finditer(r"[_/ ]", text):
         name, suffix = text[: place.start()].strip(), text[place.end() :].strip()
-        unit = parse_unit(suffix, symbols_only=suffix != "%") or _small(name, suffix)
+        unit = parse_unit(suffix, symbols_only=suffix != "%")
+        unit = unit or _small(name, suffix) or _in_one_case(text, suffix, name)
         if name and unit and quantity_of(name) != unit.quantity == quantity_of(text):
             return Header(text, text, unit, suffix)  # "motor_rpm": without its unit the name says nothing, or another
         if name and unit and _is_suffix(name, place[0], suffix, unit):
@@ -277,6 +282,12 @@ def _small(name: str, suffix: str) -> Unit | None:
         return None
     unit = parse_unit(suffix)
     return unit if unit and unit.quantity in _quantities(name) else None
+
+
+def _in_one_case(text: str, suffix: str, name: str = "") -> Unit | None:
+    """Return the unit of ``current_ma`` and ``TIME_MS``, of whose quantity the name, or all of it, is."""
+    unit = parse_unit(_IN_ONE_CASE.get(suffix.lower(), "")) if text.islower() or text.isupper() else None
+    return unit if unit and unit.quantity in {quantity_of(text), quantity_of(name), *_quantities(name)} else None
 
 
 def _quantities(name: str) -> set[str]:
