@@ -95,7 +95,20 @@ def test_of_a_scope_whose_channels_are_called_1_and_2_numbers_are_names_unless_t
     named = run(capsys, "check", path, "--column", "v=1", "--column", "i=2")[1]
     assert named.startswith("log.csv: v ← 1 [Volt] · i ← 2 [Ampere] · time ← x-axis [second]")
     counted = run(capsys, "check", path, "--column", "time=1", "--column", "v=2", "--column", "i=3")[1]
-    assert counted.startswith("log.csv: v ← column 2 (no unit: taken as V) · i ← column 3 (no unit: taken as A)")
+    assert counted.startswith("log.csv: v ← column 2 [Volt] · i ← column 3 [Ampere] · time ← column 1 [second]\n")
+
+
+@pytest.mark.parametrize(
+    "header",
+    [["time_ms,voltage [V],current [mA],speed [rpm]"], ["a,b,c,d", "ms,V,mA,rpm"], ["# t (ms),U (V),I (mA),n (rpm)"]],
+)
+def test_of_columns_by_number_the_units_that_stand_above_them_are_read(write, capsys, header):
+    path = write(*header, rows=zip(1e3 * T, V, 1e3 * I, W, strict=True))
+    said = ["--column", "time=1", "--column", "v=2", "--column", "i=3"]
+    told = run(capsys, "check", path, *said, "--column", "w=4")[1]
+    assert "v ← column 2 [V] · i ← column 3 [mA] · w ← column 4 [rpm] · time ← column 1 [ms]\n" in told
+    told = run(capsys, "check", path, *said, "--column", "load=4", "--unit", "i=A")[1]  # rpm are no torque
+    assert "i ← column 3 [A] (unit as you said) · load ← column 4 (no unit: taken as N.m)" in told
 
 
 def test_a_header_of_nothing_but_units_is_one(write, capsys):

@@ -33,6 +33,7 @@ from estimator.recordings.text_header import (
     SKIPPED,
     HeaderRules,
     begins_with_a_word,
+    cells_above,
     find_header,
     has_header,
     numbered_columns,
@@ -69,6 +70,9 @@ class Table:
     bad: dict[int, BadCell]  # column → its first cell that is no number
     line: Sequence[int]  # (n,) line number of each row
     text: Callable[[int], Iterator[str]]  # column → its n cells as written
+    above: tuple[
+        Cells, ...
+    ] = ()  # of columns that are asked for by number: what stands above them, the last line first
     not_read: tuple[str, ...] = ()  # what of the lines below the header is no row, in sentences
 
 
@@ -152,6 +156,7 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
         bad=bad,
         line=[k + first for k in rows],
         text=text,
+        above=cells_above(lines, at, delimiter, width) if bare else (),
         not_read=tuple(not_read),
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -14,13 +14,13 @@ from estimator.recordings.clock_text import seconds_since_first
 from estimator.recordings.columns import Columns
 from estimator.recordings.delimited import BadCell, read_table
 from estimator.recordings.formats import read_columns
-from estimator.recordings.headers import are_units, parse_header, role_of
+from estimator.recordings.headers import ROLE_QUANTITY, are_units, parse_header, role_of
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import MIN_SAMPLES
 from estimator.recordings.text_header import HeaderRules
 from estimator.recordings.time_column import is_header, no_time, time_column
 from estimator.recordings.time_grid import half_last_digit
-from estimator.recordings.units import FloatArray
+from estimator.recordings.units import FloatArray, parse_unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +90,16 @@ def raw_columns(name: str, columns: Columns, path: Path | None) -> RawTable:
     )
 
 
+def _unit_above(cells: Sequence[str], role: str) -> str | None:
+    """Return the unit that stands above a column, as it is written, where it is one of the role's."""
+    for cell in cells:
+        header = parse_header(cell)
+        unit = header.unit or parse_unit(cell)
+        if unit is not None and unit.quantity == ROLE_QUANTITY.get(role):
+            return header.unit_text or cell
+    return None
+
+
 def _read_text(path: Path, read_as: ReadAs) -> RawTable:
     rules = HeaderRules(
         is_header=functools.partial(is_header, read_as=read_as),
@@ -105,6 +115,10 @@ def _read_text(path: Path, read_as: ReadAs) -> RawTable:
         for j, unit in enumerate(table.units[: len(texts)]):
             if unit.strip("[]() ") and parse_header(texts[j]).unit_text is None:
                 texts[j] = f"{texts[j]} [{unit.strip('[]() ')}]"
+    for role, number in read_as.columns.items() if table.above else ():
+        j = int(number) - 1 if number.isdecimal() else len(texts)
+        if 0 <= j < len(texts) and (above := _unit_above([cells[j] for cells in table.above], role)):
+            texts[j] = f"{texts[j]} [{above}]"
 
     def place(k: int) -> str:
         return f"{path.name} line {table.line[k]}"

@@ -128,6 +128,13 @@ def numbered_columns(path: Path, lines: list[str]) -> tuple[int, str | None, Cel
     raise RecordingError(f"{path.name} has no line that begins with a number; it should hold the samples")
 
 
+def cells_above(lines: list[str], at: int, delimiter: str | None, width: int) -> tuple[Cells, ...]:
+    """Return the cells of the lines above the numbers, the last first, that have as many as these: names, units."""
+    written = [lines[k].lstrip(" \t#%") for k in range(at, -1, -1)]
+    split = [split_cells(line, delimiter) for line in written if line][:WORDS_BELOW]
+    return tuple(cells for cells in split if len(cells) == width)
+
+
 def _are_counted(rows: Sequence[Cells], width: int) -> bool:
     """Tell whether rows begin with their number, which the header has no name for, as R and pandas write them."""
     counts = [unquoted(row[0]) for row in rows if len(trimmed(row, width)) == width + 1]
