@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from estimator.api_sources import SIGNALS, Source, case_of, recording_of_arrays
 from estimator.api_values import count, interval, listed, named_intervals, named_numbers, number
+from estimator.api_words import words_of_python
 from estimator.commands.options import reading, with_corrections, with_held_out, with_options, with_tolerances
 from estimator.commands.sources import expanded
 from estimator.errors import InputError, suggestion
@@ -158,64 +159,68 @@ def estimate_parameters(
     from estimator.estimating.estimate import available_cores, estimate_by
     from estimator.estimating.kept_workers import kept_workers
 
-    arrays = {name: a for name, a in zip(SIGNALS, (v, i, w, angle, load), strict=True) if a is not None}
-    if time is not None or arrays:
-        if source is not None:
-            raise InputError("signals are given twice, as a source and as arrays; leave one out")
-        source = recording_of_arrays(time, arrays, fixed=fix if isinstance(fix, Mapping) else ())
-    if source is None:
-        raise InputError("nothing to estimate from; give a recording's file, a table, or the arrays time, v, i, w")
-    said = reading(
-        column=_pairs("columns", columns, "{'i': 'current A'}"),
-        unit=_pairs("units", units, "{'speed': 'rpm'}"),
-        rate=None if rate is None else number("rate", rate, above=0),
-        test=test,
-        motor=motor,
-        per_turn=None if per_turn is None else number("per_turn", per_turn, above=0),
-        counts=None if counts is None else number("counts", counts, above=0),
-        supply=None if supply is None else str(supply),
-    )
-    case, recordings = case_of(source, said)
-    case = with_options(
-        case,
-        fmu=None if fmu is None else os.fspath(fmu),
-        kind=kind,
-        method=method,
-        seed=None if seed is None else count("seed", seed, least=0),
-        fix=named_numbers("fix", fix),
-        bounds=named_intervals("bounds", bounds),
-        loss=loss,
-        starts=[
-            dict(named_numbers("starts", s)) if isinstance(s, Mapping) else os.path.abspath(s) for s in listed(starts)
-        ],
-    )
-    case = with_corrections(
-        case,
-        window=None if window is None else interval("window", window),
-        scale=named_numbers("scale", scale),
-        offset=named_numbers("offset", offset),
-        temperature=None if temperature is None else number("temperature", temperature, above=COLDEST, below=HOTTEST),
-        read_as=said,
-    )
-    case = with_tolerances(case, tolerance)
-    held_out = expanded([os.fspath(path) for path in listed(validate)])
-    if recordings is None:
-        case = with_held_out(case, held_out, fitted=len(case.recordings))
-    else:  # read here, with as many tests as each file holds
-        found = [(path, r) for path in held_out for r in recordings_in(Path(path), said)]
-        case = with_held_out(case, [path for path, _ in found], fitted=len(recordings))
-        recordings = [*recordings, *(r for _, r in found)]
-    with kept_workers(available_cores() if workers is None else count("workers", workers, least=1)) as crew:
-        return Result.of(
-            estimate_by(
-                crew,
-                case,
-                recordings=recordings,
-                progress=progress,
-                tell=tell or logging.getLogger("fmu-estimator").warning,
-                profile=profile,
-            )
+    with words_of_python():
+        arrays = {name: a for name, a in zip(SIGNALS, (v, i, w, angle, load), strict=True) if a is not None}
+        if time is not None or arrays:
+            if source is not None:
+                raise InputError("signals are given twice, as a source and as arrays; leave one out")
+            source = recording_of_arrays(time, arrays, fixed=fix if isinstance(fix, Mapping) else ())
+        if source is None:
+            raise InputError("nothing to estimate from; give a recording's file, a table, or the arrays time, v, i, w")
+        said = reading(
+            column=_pairs("columns", columns, "{'i': 'current A'}"),
+            unit=_pairs("units", units, "{'speed': 'rpm'}"),
+            rate=None if rate is None else number("rate", rate, above=0),
+            test=test,
+            motor=motor,
+            per_turn=None if per_turn is None else number("per_turn", per_turn, above=0),
+            counts=None if counts is None else number("counts", counts, above=0),
+            supply=None if supply is None else str(supply),
         )
+        case, recordings = case_of(source, said)
+        case = with_options(
+            case,
+            fmu=None if fmu is None else os.fspath(fmu),
+            kind=kind,
+            method=method,
+            seed=None if seed is None else count("seed", seed, least=0),
+            fix=named_numbers("fix", fix),
+            bounds=named_intervals("bounds", bounds),
+            loss=loss,
+            starts=[
+                dict(named_numbers("starts", s)) if isinstance(s, Mapping) else os.path.abspath(s)
+                for s in listed(starts)
+            ],
+        )
+        case = with_corrections(
+            case,
+            window=None if window is None else interval("window", window),
+            scale=named_numbers("scale", scale),
+            offset=named_numbers("offset", offset),
+            temperature=None
+            if temperature is None
+            else number("temperature", temperature, above=COLDEST, below=HOTTEST),
+            read_as=said,
+        )
+        case = with_tolerances(case, tolerance)
+        held_out = expanded([os.fspath(path) for path in listed(validate)])
+        if recordings is None:
+            case = with_held_out(case, held_out, fitted=len(case.recordings))
+        else:  # read here, with as many tests as each file holds
+            found = [(path, r) for path in held_out for r in recordings_in(Path(path), said)]
+            case = with_held_out(case, [path for path, _ in found], fitted=len(recordings))
+            recordings = [*recordings, *(r for _, r in found)]
+        with kept_workers(available_cores() if workers is None else count("workers", workers, least=1)) as crew:
+            return Result.of(
+                estimate_by(
+                    crew,
+                    case,
+                    recordings=recordings,
+                    progress=progress,
+                    tell=tell or logging.getLogger("fmu-estimator").warning,
+                    profile=profile,
+                )
+            )
 
 
 def simulate_fmu(

@@ -15,6 +15,8 @@ from made_estimates import estimate, with_parameter
 from test_report import check_contract, parsed
 
 import estimator
+from estimator.api_words import in_python
+from estimator.errors import RecordingError
 from estimator.results.shown_result import Result
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
@@ -207,3 +209,25 @@ def test_a_result_writes_itself(result, tmp_path):
 def test_a_result_is_a_linear_system(result):
     model = result.state_space()
     assert model.A[0, 0] == -result.values["R"] / result.values["L"]
+
+
+@pytest.mark.parametrize(
+    ("said", "meant"),
+    [
+        ("fix it with --fix R=VALUE, or measure it", 'fix it with fix={"R": VALUE}, or measure it'),
+        ("say so with --column 'v=1 [Volt]' --column i=3", 'say so with columns={"v": "1 [Volt]", "i": "3"}'),
+        ("--unit i=mA, or --unit i=A if not", 'units={"i": "mA"}, or units={"i": "A"} if not'),
+        ("--supply 12 (volts), --supply b/255, or --supply", 'supply=12 (volts), supply="b/255", or supply'),
+        ("--scale i=-1; --bounds R=0.1:5 (--rate HZ)", 'scale={"i": -1}; bounds={"R": (0.1, 5)} (rate=HZ)'),
+        ("which: --motor left, --motor 2; with --per-turn", 'which: motor="left", motor="2"; with per_turn'),
+        ("--tolerance default adds -- or not", "--tolerance default adds -- or not"),
+    ],
+)
+def test_a_remedy_names_the_arguments_of_python(said, meant):
+    assert in_python(said) == meant
+
+
+def test_an_error_of_an_estimate_names_arguments_and_keeps_its_kind():
+    table = {"time [s]": np.arange(99) / 1e3, "duty [%]": np.ones(99), "speed [rpm]": np.ones(99)}
+    with pytest.raises(RecordingError, match=r"with supply=12 \(volts\)"):
+        estimator.estimate_parameters(table)
