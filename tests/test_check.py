@@ -240,6 +240,11 @@ def test_check_writes_a_figure_of_each_file_and_json(file, tmp_path, capsys):
         ),
         ("t,u,i,w", ("--unit", "w=rpm", "--unit", "w=deg/s"), "--unit is given twice for 'w'"),
         ("t,u,i,w", ("--scale", "q=2"), "scale is given for 'q', which is no signal of run.csv that is used (v, i, w)"),
+        (
+            "t,u,i,w",
+            ("--scale", "i=0"),
+            "the scale 0 leaves nothing of i of run.csv; give its factor (-1 turns its sign)",
+        ),
         ("t,u,i,w", ("--offset", "i=1e140"), "the scale 1 and the offset 1e+140 make i of run.csv as large as 1e+140"),
     ],
 )

@@ -15,8 +15,10 @@ def corrected(signal: FloatArray, scale: float, offset: float, *, what: str) -> 
     Raises
     ------
     RecordingError
-        Nothing measures what comes out.
+        Nothing measures what comes out, or nothing is left of the signal.
     """
+    if scale == offset == 0:
+        raise RecordingError(f"the scale 0 leaves nothing of {what}; give its factor (-1 turns its sign)")
     if (scale, offset) == (1.0, 0.0):
         return signal
     with np.errstate(over="ignore"):
