@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from test_batch import EXAMPLE, tables_of
 
+from estimator.batches import batch
 from estimator.batches.batch import Digests, gather, repeated, run_batch
 from estimator.batches.case_worker import CaseWorker
 from estimator.batches.drawn import blocks
@@ -35,6 +36,15 @@ def test_blocks_are_pieces_of_the_circle():
     assert np.all(drawn[:, 1] == 2 * drawn[:, 0])
     steps = np.diff(drawn[:, 0]) % 100
     assert np.count_nonzero(steps != 1) <= 9
+
+
+def test_what_is_said_by_a_case_is_written_down_once_for_all_that_differ_in_their_noise_alone(example, monkeypatch):
+    looked = []
+    monkeypatch.setattr(batch, "fields", lambda case: looked.append(case) or dataclasses.fields(case))
+    digests, tasks = Digests(), list(resampled(*example, kind="monte-carlo", count=20))
+    found = [digests.of(task) for task in tasks]
+    assert len(looked) == 1 and len(set(found)) == 20
+    assert found == [Digests().of(task) for task in tasks]
 
 
 @pytest.mark.parametrize("kind", ["monte-carlo", "bootstrap"])

@@ -244,20 +244,19 @@ class Digests:
 
     def __init__(self) -> None:
         self._of_file: dict[Path, str] = {}
+        self._said: tuple[Case, str] | None = None  # of the last case: those of a Monte-Carlo share one
 
     def of(self, task: Task) -> str:
         """Return the digest of a task."""
         case = task.case
-        said = [
-            f"{f.name}={getattr(case, f.name)!r}" for f in fields(case) if f.name not in ("path", "fmu", "recordings")
-        ]
+        if self._said is None or self._said[0] is not case:
+            self._said = case, _said_by(case)
         content = [self._file(Path(case.fmu)) if Path(case.fmu).is_absolute() else case.fmu]
         if task.drawn is None:
             content += [self._file(file) for file in case.recordings]
         else:
             content.append(task.drawn.digest)
-        names = [file.name for file in case.recordings]
-        return hashlib.sha256(repr((version(), said, names, content)).encode()).hexdigest()
+        return hashlib.sha256(f"({version()!r}, {self._said[1]}, {content!r})".encode()).hexdigest()
 
     def _file(self, path: Path) -> str:
         if path not in self._of_file:
@@ -266,6 +265,12 @@ class Digests:
             except OSError:
                 self._of_file[path] = "unreadable"
         return self._of_file[path]
+
+
+def _said_by(case: Case) -> str:
+    """Return what a case says, and the names of its recordings."""
+    own = [f"{f.name}={getattr(case, f.name)!r}" for f in fields(case) if f.name not in ("path", "fmu", "recordings")]
+    return f"{own!r}, {[file.name for file in case.recordings]!r}"
 
 
 def without_files(outcome: Outcome) -> Outcome:
