@@ -220,6 +220,8 @@ def test_check_writes_a_figure_of_each_file_and_json(file, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("header", "words", "sentence"),
     [
+        ("t,Vin [V],Vout [V],w", (), "run.csv has two columns for the voltage, 'Vin [V]' and 'Vout [V]'; say which"),
+        ("t,u,i_ref [A],i_mtr [A]", (), "has no current column; is it 'i_mtr [A]'?"),
         ("t,u,current A,current B", (), "run.csv has two columns for the current, 'current A' and 'current B'; say"),
         ("t,x,i,w", (), "run.csv has no voltage column"),
         (

@@ -129,6 +129,11 @@ def test_empty_brackets_say_nothing() -> None:
         ("theta", "angle"),
         ("position", "angle"),
         ("load torque", "load"),
+        ("i_meas", "i"),
+        ("Omega actual", "w"),
+        ("v_fb", "v"),
+        ("i_ref", None),
+        ("meas", None),
         ("Time", "time"),
         ("temperature", None),
     ],
@@ -195,6 +200,11 @@ def test_what_another_word_tells_is_no_signal(text):
 @pytest.mark.parametrize(("text", "unit"), [("millis", "ms"), ("micros", "us"), ("t", "s")])
 def test_a_microcontrollers_clock_counts_in_its_own_unit(text, unit):
     assert role_of(text) == "time" and assumed_unit_text(text) == unit
+
+
+@pytest.mark.parametrize(("text", "unit"), [("n", "rpm"), ("n_actual", "rpm"), ("n_left", "rpm"), ("w_left", "rad/s")])
+def test_the_usual_unit_of_a_name_is_that_of_one_motor_of_several_and_of_what_is_measured_too(text, unit):
+    assert role_of(text) == "w" and assumed_unit_text(text) == unit
 
 
 @pytest.mark.parametrize(("text", "role"), [("tensión", "v"), ("Tensão", "v"), ("velocità", "w"), ("Ω", "w")])

@@ -46,7 +46,7 @@ _NAMES = {
     " motor_v motor_volts motorspannung tension tensione tensao tensão tensión voltaje applied_voltage input_voltage"
     " напряжение 电压 電圧 電壓 电枢电压"
     " supply_voltage v_supply v_cmd u_cmd voltage_command command_voltage commanded_voltage"
-    " command cmd",
+    " command cmd vout v_out uout u_out",
     "i": "current armature_current motor_current measured_current i i_a ia i_m im i_mot i_motor amps amp"
     " ampere amperes strom ankerstrom motorstrom courant corriente corrente ток 电流 電流 电枢电流 ma"
     " motor_ma motor_amps",
@@ -120,6 +120,8 @@ ASKED = frozenset(["desired", "target", "setpoint", "reference", "ref", "wanted"
 # Words of a signal that stands behind another of the same kind: what was commanded, supplied, or made of it.
 _SECONDARY_WORDS = "command cmd com commanded supply battery bat vbat filtered filt smoothed smooth lpf avg average raw"
 _SECONDARY = frozenset(_SECONDARY_WORDS.split())
+# Words of a signal that was measured, where what was asked for stands beside it: "i_meas", "w_act".
+_MEASURED = frozenset(["meas", "measured", "act", "actual", "fb", "feedback", "sensed"])
 # Usual names of two words, written as one: "Imot", "motorspeed". Shorter ones would be anything.
 _GLUED = {
     name.replace("_", ""): name
@@ -181,8 +183,11 @@ def motors_named(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _usual(key: str) -> str:
-    """Return a plain name in its usual spelling: ``"imot"`` → ``"i_mot"``."""
-    return key if key in _ROLE_OF else _GLUED.get(key, key)
+    """Return a plain name in its usual spelling: ``"imot"`` → ``"i_mot"``, ``"i_meas"`` → ``"i"``."""
+    if key in _ROLE_OF:
+        return key
+    bare = "_".join(word for word in key.split("_") if word not in _MEASURED)
+    return bare if bare in _ROLE_OF else _GLUED.get(key, key)
 
 
 def role_of(name: str) -> str | None:
@@ -234,7 +239,12 @@ def assumed_unit(name: str) -> Unit | None:
 def assumed_unit_text(name: str) -> str | None:
     """Return how the unit is written that a usual name without a unit is taken to be in: ``"rpm"`` for ``"n"``."""
     quantity = quantity_of(name)
-    return None if quantity is None else _USUAL_UNITS.get(plain(name), unit_of(quantity).si)
+    key = _usual(plain(name))
+    return (
+        None
+        if quantity is None
+        else _USUAL_UNITS.get(key) or _USUAL_UNITS.get(_without_side(key), unit_of(quantity).si)
+    )
 
 
 @lru_cache(maxsize=4096)

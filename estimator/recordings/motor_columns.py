@@ -249,6 +249,7 @@ def _meant(recording: Recording, role: str, taken: Collection[str], *, by_unit: 
     left = {c: parse_header(h) for c, h in recording.headers.items() if c not in taken}
     fitting = [h for h in left.values() if h.unit is None or h.unit.quantity == ROLE_QUANTITY[role]]
     near = [h.text for h in fitting if get_close_matches(plain(h.name), USUAL_NAMES[role], n=1, cutoff=0.75)]
+    near = [text for text in near if not _words(parse_header(text).name) & ASKED] or near
     if not near and role == "v":
         near = [h.text for h in fitting if plain(h.name) in SUPPLY]
     if not near and role == "v":
