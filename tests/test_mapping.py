@@ -107,6 +107,19 @@ def test_an_output_that_counts_the_other_way_is_told_before_the_search_and_turne
     assert worst(estimate(read_case(foreign_case(fmu, recording, text=turned)))) < 1e-8
 
 
+@pytest.mark.parametrize("name", ["i", "w"])
+def test_a_gain_that_turns_an_output_against_the_recording_is_told_before_the_search(tmp_path, recording, name):
+    """It went on to a search, and to ten reasons that did not name it (7 s)."""
+    columns = {"i": '{ column = "current" }', "w": '{ column = "speed" }'}
+    columns[name] = columns[name].replace(" }", ", gain = -1 }")
+    case = tmp_path / "turned.case.toml"
+    outputs = "\n".join(f"{n} = {column}" for n, column in columns.items())
+    case.write_text(f'[outputs]\n{outputs}\n[[recording]]\nfile = "{recording.as_posix()}"\n')
+    refused = estimate(read_case(case))
+    assert refused.verdict == "refused" and refused.simulations_by_phase == {"probe": 1}
+    assert f"the gain -1 of {name} turns it against the recording: dc_motor.fmu counts {name} as" in refused.reasons[0]
+
+
 def test_an_input_that_no_column_drives_is_told_with_its_value(tmp_path, recording):
     change = ('causality="parameter" variability="fixed"><Real unit="Ohm"', 'causality="input"><Real unit="Ohm"')
     fmu = foreign_fmu(tmp_path, change=[change])

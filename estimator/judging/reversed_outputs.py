@@ -32,9 +32,13 @@ def reversed_outputs(problem: Problem, start: FloatArray) -> list[str]:
         for k, name in enumerate(problem.outputs)
         if name in SIGNED and _correlation(*(y[problem.output_of_residual == k] for y in (shown, measured))) < REVERSED
     ]
-    path = plan.description.path.name
+    path, said = plan.description.path.name, {name: chain.gain for name, chain in plan.chains.items()}
     return [
-        f"{path} counts {name} the other way than the recording: say gain = -1 of {name} under [outputs] in a case file"
+        f"the gain {said[name]:g} of {name} turns it against the recording: {path} counts {name} as the recording does,"
+        " so leave the sign out"
+        if said.get(name, 1.0) < 0
+        else f"{path} counts {name} the other way than the recording: say gain = -1 of {name} under [outputs] in a case"
+        " file"
         for name in found
     ]
 
