@@ -676,8 +676,9 @@ def test_corrections_that_do_not_fit_are_told(wrong_way):
     [
         ("--window", "2", "'2' is not FROM:TO, such as 0.4:2.0"),
         ("--window", "2:1", "'2:1' ends before it begins; write 1:2"),
-        ("--temperature", "-250", "'-250' is no temperature of a winding; give degrees Celsius, -200 to 500"),
-        ("--temperature", "1e140", "'1e140' is no temperature of a winding; give degrees Celsius, -200 to 500"),
+        ("--temperature", "-250", "'-250' is no temperature of a winding; give degrees Celsius, above -200 and"),
+        ("--temperature", "500", "degrees Celsius, above -200 and below 500"),
+        ("--temperature", "1e140", "'1e140' is no temperature of a winding; give degrees Celsius, above"),
         ("--save-case", "x.toml", "'x.toml': the name of a case file ends in .case.toml; rename it"),
     ],
 )

@@ -120,6 +120,11 @@ def test_a_gain_that_turns_an_output_against_the_recording_is_told_before_the_se
     assert f"the gain -1 of {name} turns it against the recording: dc_motor.fmu counts {name} as" in refused.reasons[0]
 
 
+def test_a_ratio_that_is_held_is_told_without_a_unit(recording):
+    told = plan_case(case_for_recording(recording, fmu="dc_motor_geared"), describe("dc_motor_geared")).notes
+    assert "gear = 5, stiffness = 2 N.m/rad" in "; ".join(told)
+
+
 def test_an_input_that_no_column_drives_is_told_with_its_value(tmp_path, recording):
     change = ('causality="parameter" variability="fixed"><Real unit="Ohm"', 'causality="input"><Real unit="Ohm"')
     fmu = foreign_fmu(tmp_path, change=[change])

@@ -99,7 +99,7 @@ def temperature(text: str) -> float:
     value = _number(text, of=text)
     if not COLDEST < value < HOTTEST:
         raise argparse.ArgumentTypeError(
-            f"{text!r} is no temperature of a winding; give degrees Celsius, {COLDEST:g} to {HOTTEST:g}"
+            f"{text!r} is no temperature of a winding; give degrees Celsius, above {COLDEST:g} and below {HOTTEST:g}"
         )
     return value
 

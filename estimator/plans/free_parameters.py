@@ -158,7 +158,9 @@ def _held(binding: Binding) -> list[Variable]:
 
 def _listed(held: Sequence[Variable]) -> str:
     """Return variables with the values that they are held at, the first ones."""
-    listed = ", ".join(f"{v.name} = {_number(v.start):.6g} {v.unit}".rstrip() for v in held[:MOST_HELD])
+    units = ["" if v.unit == "1" else v.unit for v in held]
+    values = [f"{v.name} = {_number(v.start):.6g} {unit}".rstrip() for v, unit in zip(held, units, strict=True)]
+    listed = ", ".join(values[:MOST_HELD])
     return f"{listed} and {len(held) - MOST_HELD} more" if len(held) > MOST_HELD else listed
 
 

@@ -88,7 +88,7 @@ export class DataPage {
       this.plotted = "";
       this.plot.node.hidden = true;
       replace(this.detail, el("div", { class: "empty" }, el("h2", {}, "No recording yet"),
-        el("p", {}, "A recording is text with a header (CSV), MAT, MDF or Parquet: time, voltage, current, speed or angle."),
+        el("p", {}, "A recording is text with a header (CSV), Excel, MAT, MDF, Parquet or TDMS: time, voltage, current, speed or angle."),
         el("p", {}, "Drop one anywhere on this page. It is copied into the folder; one that lies there already stays where it is.")));
       return;
     }
