@@ -8,6 +8,7 @@ import pytest
 from motors import CML050, step_recording
 
 from estimator.cli import main
+from estimator.recordings.clock_text import seconds_since_first
 
 STEP = step_recording(CML050, noise=(0.02, 1.0), seed=7, lead=0.2, duration=2.0)
 T, V, I, W = STEP.time, *(STEP.signals[name] for name in ("voltage", "current", "speed"))  # noqa: E741
@@ -209,3 +210,33 @@ def test_no_signal_is_offered_as_the_time(write, capsys):
 def test_units_in_words_and_names_between_semicolons(write, capsys, header, told):
     path = write(header, rows=zip(T, V, I, W, strict=True), comma=";")
     assert told in "".join(run(capsys, "check", path)[1:])
+
+
+# Clocks
+
+
+@pytest.mark.parametrize(("unit", "count"), [("ms", 10**3), ("us", 10**6), ("ns", 10**9)])
+def test_a_clock_without_a_unit_that_can_only_count_from_1970_in_one_has_it(write, capsys, unit, count):
+    stamps = [str(1_700_000_000 * count + k * count // 1000) for k in range(len(T))]
+    path = write("timestamp,voltage,current,n", rows=zip(stamps, V, I, W, strict=True))
+    told = run(capsys, "check", path)[1]
+    assert f"time ← timestamp [{unit}]" in told and f"timestamp: counts {unit} since 1970" in told
+    assert "every 0.001 s (1000 Hz)" in told
+    assert "since 1970" not in run(capsys, "check", path, "--unit", "time=s")[1]
+
+
+def test_a_counter_that_is_as_long_as_a_date_is_none(write, capsys):
+    path = write(
+        "timestamp,voltage,current,n",
+        rows=zip((f"{12 * 10**11 + 10**6 * k}" for k in range(len(T))), V, I, W, strict=True),
+    )
+    assert "since 1970" not in run(capsys, "check", path)[1]  # ns of twenty minutes
+
+
+@pytest.mark.parametrize("mark", [".", ",", ":"])
+def test_minutes_and_seconds_and_thousandths_behind_a_colon_are_times(mark):
+    found = seconds_since_first([f"59:59{mark}998", f"59:59{mark}999", f"00:00{mark}001"])
+    assert found is not None and found[0].tolist() == [0.0, 0.001, 0.003] and found[1] == 0.0005
+    found = seconds_since_first([f"23:59:59{mark}998", f"00:00:00{mark}001"])
+    assert found is not None and found[0].tolist() == [0.0, 0.003]
+    assert seconds_since_first(["10:00"]) is None  # hours or minutes

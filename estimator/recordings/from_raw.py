@@ -24,6 +24,9 @@ from estimator.recordings.units import FloatArray
 
 DATED = 1e8  # s: a clock that begins later, some three years, counts from a date; it is told from its first row on
 LARGEST_TIME = 1e20  # as LARGEST: a clock shows up to 2e18 ns since 1970
+DATES = (1e9, 4.1e9)  # s since 1970, of recordings: 2001 to 2099
+FRACTIONS = {"ms": 1e3, "us": 1e6, "ns": 1e9}  # in which clocks count from 1970, a second
+STEPS = (1e-6, 60.0)  # s, of rows of such a clock; a counter of ns since a start, as long as a date in ms, has others
 TOO_FAST = 1e-7  # s, of a sampling interval: the header's unit is doubted
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}([.,]\d{3})+")  # or a decimal mark that the other numbers do not have
 MOST_LEFT_OUT = 2  # rows at the start, of wrong stamps
@@ -42,7 +45,7 @@ def timed(raw: RawTable, read_as: ReadAs) -> RawTable:
     """
     if read_as.rate is None:
         _called_no_time(raw, read_as)
-        return _with_clock_counted_on(raw, read_as)
+        return _with_fractions_since_1970(_with_clock_counted_on(raw, read_as), read_as)
     times = np.arange(len(raw.columns[0]), dtype=np.float64) / read_as.rate
     own = ["time as logged [s]" if text == "time [s]" else text for text in raw.texts]
     told = (*raw.not_read, *_times_not_used(raw, read_as.rate))
@@ -61,6 +64,23 @@ def _with_clock_counted_on(raw: RawTable, read_as: ReadAs) -> RawTable:
         if bits is not None:
             columns = [*raw.columns[:j], times, *raw.columns[j + 1 :]]
             raw = replace(raw, columns=columns, not_read=(*raw.not_read, f"{text}: {OVERFLOW.format(bits)}"))
+    return raw
+
+
+def _with_fractions_since_1970(raw: RawTable, read_as: ReadAs) -> RawTable:
+    """Return a table whose times without a unit have that of a clock that can only count from 1970 in it."""
+    asked = read_as.columns.get("time")
+    for j, text in enumerate(raw.texts):
+        header, times = parse_header(text), raw.columns[j]
+        is_time = rank_in_role(header.name, "time") is not None or asked in (header.name, text)
+        said = header.unit_text is not None or {"time", header.name, text} & read_as.units.keys()
+        if not is_time or said or j in raw.bad or j in raw.texts_in or len(times) < MIN_SAMPLES:
+            continue
+        for unit, count in FRACTIONS.items():
+            dated = np.all((times >= DATES[0] * count) & (times <= DATES[1] * count))
+            if dated and STEPS[0] < median(np.diff(times)) / count < STEPS[1]:
+                texts = [*raw.texts[:j], f"{text} [{unit}]", *raw.texts[j + 1 :]]
+                return replace(raw, texts=texts, not_read=(*raw.not_read, f"{text}: counts {unit} since 1970"))
     return raw
 
 

@@ -12,7 +12,9 @@ import numpy as np
 from estimator.recordings.units import FloatArray
 
 Cells = list[str]
-_MISSING = frozenset(("nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "1.#qnan", "-nan", "nan(ind)"))
+_MISSING = frozenset(
+    ("nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "1.#qnan", "-1.#ind", "-nan", "nan(ind)")
+)
 _MISSING |= {"ol", "o.l", "o.l.", "overload", "over", "ovrflw", "overflow", "overrange"}  # of a meter beyond its range
 EMPTY = ' \t,;"'
 _THOUSANDS = {  # decimal mark → a number in which the other one parts thousands: by both marks, no doubt
