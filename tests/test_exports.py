@@ -240,3 +240,21 @@ def test_minutes_and_seconds_and_thousandths_behind_a_colon_are_times(mark):
     found = seconds_since_first([f"23:59:59{mark}998", f"00:00:00{mark}001"])
     assert found is not None and found[0].tolist() == [0.0, 0.003]
     assert seconds_since_first(["10:00"]) is None  # hours or minutes
+
+
+@pytest.mark.parametrize(
+    "day",
+    [
+        "21/11/2026",
+        "21-11-2026",
+        "21.11.26",
+        "21-Nov-2026",
+        "21 März 2026",
+        "Nov 21 2026",
+        "November 21, 2026",
+        "20261121",
+    ],
+)
+def test_a_date_of_any_form_before_a_time_of_day_is_passed_over(day):
+    found = seconds_since_first([f"{day} 23:59:59.998", f"{day} 00:00:00.001"])  # of the next day
+    assert found is not None and found[0].tolist() == [0.0, 0.003]

@@ -135,6 +135,8 @@ def test_empty_brackets_say_nothing() -> None:
         ("i_ref", None),
         ("meas", None),
         ("Time", "time"),
+        ("Date/Time", "time"),
+        ("Date", None),
         ("temperature", None),
     ],
 )

@@ -16,7 +16,9 @@ from estimator.recordings.units import FloatArray
 
 _TEXT = re.compile(
     r"(?:(?:(?P<y>\d{4})[-/.](?P<m>\d{1,2})[-/.](?P<d>\d{1,2})|(?P<D>\d{1,2})\.(?P<M>\d{1,2})\.(?P<Y>\d{4})"
-    r"|\d{1,2}/\d{1,2}/\d{2,4})[T ]+)?"
+    r"|\d{1,2}(?P<mark>[-/.])\d{1,2}(?P=mark)\d{2,4}|\d{8}"
+    r"|\d{1,2}[- ][^\W\d_]{3,9}\.?[- ]\d{2,4}|[^\W\d_]{3,9}\.? \d{1,2},? \d{4}"
+    r")[T ]+)?"
     r"(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<second>\d{2})(?:[.,](?P<fraction>\d{1,9})|:(?P<thousandths>\d{3}))?(?:Z|[+-]\d{2}:?\d{2}|\s*(?P<half>[AaPp])[Mm])?"
 )
 _MINUTES = re.compile(r"(?P<minute>\d{1,2}):(?P<second>\d{2})(?:[.,](?P<fraction>\d{1,9})|:(?P<thousandths>\d{3}))")
@@ -27,7 +29,7 @@ def seconds_since_first(cells: Iterable[str]) -> tuple[FloatArray, float] | None
     """Return seconds, (n,), and half of the last printed digit; None if a cell is no such time.
 
     A time of day that falls by over half a day has passed midnight, minutes that fall by over half an hour the hour. A
-    date with slashes is left out: nobody knows which number is the month.
+    date with slashes, a name of a month, or a year of two digits is left out: nobody knows which number is the month.
     """
     whole: list[int] = []
     nanoseconds: list[int] = []
