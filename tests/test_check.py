@@ -256,6 +256,16 @@ def test_what_cannot_be_read_is_one_sentence_and_status_2(header, words, sentenc
     assert (status, out) == (2, "") and sentence in err and err.count("\n") == 1
 
 
+def test_of_several_files_those_that_cannot_be_read_do_not_hide_the_others(file, tmp_path, capsys):
+    good, bad, odd = file("t,u,i,w"), tmp_path / "empty.csv", file("t,u,i,w [A]", name="odd.csv")
+    bad.write_text("")
+    status, out, err = run(capsys, "check", bad, good, odd)
+    assert status == 2 and out.startswith("run.csv: v ← u ") and err.count("\n") == 2
+    assert "empty.csv is empty" in err and "odd.csv: column 'w [A]'" in err
+    status, out, err = run(capsys, "check", bad, good, odd, "--json")
+    assert (status, out) == (2, "") and err.count("\n") == 1  # one object of all, or none
+
+
 def test_check_of_an_fmu_says_that_it_is_no_recording(capsys):
     status, _, err = run(capsys, "check", "motor.fmu")
     assert status == 2 and "motor.fmu is no recording; check looks at recordings alone" in err

@@ -14,7 +14,7 @@ import numpy as np
 from estimator.cases.expansion import told_apart
 from estimator.commands.options import reading_of, unique
 from estimator.commands.sources import recordings_of
-from estimator.commands.terminal import OK, columns, say, say_lines
+from estimator.commands.terminal import BAD_INPUT, OK, columns, complain, say, say_lines
 from estimator.errors import InputError
 from estimator.recordings.files import recordings_in
 from estimator.recordings.made_columns import with_constant_voltage
@@ -37,17 +37,22 @@ def check(args: argparse.Namespace) -> int:
             raise InputError(f"{file} is no recording; check looks at recordings alone, inspect at FMUs")
     scale, offset = unique(args.scale, option="--scale"), unique(args.offset, option="--offset")
     read_as = reading_of(args)
+    fixed = unique(args.fix, option="--fix")
+    if other := next((name for name in fixed if name != "v"), None):
+        raise InputError(f"--fix {other}: check knows no parameters; it takes --fix v=VOLTS, of a constant voltage")
+    previews: list[Preview] = []
+    faults: list[str] = []
     with recordings_of(args.files, command="check") as paths:
-        read = [
-            replace(r, name=own + r.name.removeprefix(path.stem))
-            for path, own in zip(paths, told_apart(paths), strict=True)
-            for r in recordings_in(path, read_as)
-        ]
-    for name, volts in unique(args.fix, option="--fix").items():
-        if name != "v":
-            raise InputError(f"--fix {name}: check knows no parameters; it takes --fix v=VOLTS, of a constant voltage")
-        read = [with_constant_voltage(recording, volts) for recording in read]
-    previews = [preview(recording, scale=scale, offset=offset) for recording in read]
+        alone = len(paths) == 1 or args.json or args.output or args.mend  # what is written is of all files, or is not
+        for path, own in zip(paths, told_apart(paths), strict=True):
+            try:
+                read = [replace(r, name=own + r.name.removeprefix(path.stem)) for r in recordings_in(path, read_as)]
+                read = [with_constant_voltage(r, fixed["v"]) for r in read] if fixed else read
+                previews += [preview(recording, scale=scale, offset=offset) for recording in read]
+            except InputError as error:
+                if alone:
+                    raise
+                faults.append(str(error))
     if args.output:
         _write(args.output, previews)
     mended = []
@@ -58,9 +63,11 @@ def check(args: argparse.Namespace) -> int:
     if args.json:
         say(_json(previews))
     else:
-        say_lines("\n".join(preview_text(p, width=columns()) for p in previews))
+        say_lines("\n".join(preview_text(p, width=columns()) for p in previews) if previews else "")
         say_lines("".join(f"{line}\n" for line in ["", *mended] if mended))
-    return OK
+    for fault in faults:
+        complain(fault)
+    return BAD_INPUT if faults else OK
 
 
 def preview_text(p: Preview, *, width: int | None = None) -> str:
