@@ -73,6 +73,16 @@ def test_without_noise_every_seed_finds_all_five_parameters(case_of, motor):
     check_noise_free(case_of, motor, 3)
 
 
+@pytest.mark.parametrize("noise", [(0.0, 1.0), (0.02, 0.0)], ids=["i exact", "w exact"])
+def test_of_one_exact_output_the_other_tells_the_bars(case_of, noise):
+    """What is told by the noisy one alone has its bars: nothing comes of how exactly derivatives are simulated."""
+    (estimate,) = estimates(case_of, [step_recording(CML050, noise=noise)])
+    assert estimate.verdict == "ok"
+    for name, p in estimate.parameters.items():
+        assert abs(p.value - getattr(CML050, name)) < 4.5 * p.standard_error
+    assert estimate.parameters["K"].standard_error > 1e-5 * CML050.K
+
+
 @pytest.mark.full
 @BOTH
 def test_without_noise_a_hundred_seeds_find_all_five_parameters(case_of, motor):

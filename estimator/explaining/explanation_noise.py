@@ -34,6 +34,7 @@ BoolArray = NDArray[np.bool_]
 
 RESPONSE = 4096  # samples of a filter's response to an impulse
 ONE_RATE = 0.01  # parts by which sampling intervals may differ: a filter's colour is of one
+LEAST_PART = 1e-5  # of the most that an output misses, each by its spread: less is lost in differences of simulations
 QUIET = 0.1  # of the first estimate of the deviation: the noise is taken to be no less
 
 
@@ -79,12 +80,15 @@ def with_noise(
         noise = dataclasses.replace(noise, differenced=differenced)
     whitener = fit.whitener.of(noise)
     misfit = np.where(whitener.present, fit.residuals(), 0.0)
-    rounding = ROUNDING * fit.simulator.problem.spread
-    if np.all(np.sqrt(np.mean(misfit**2, axis=0)) < rounding):  # a simulation's own output: no noise is to be told
+    s = fit.simulator
+    rounding = ROUNDING * s.problem.spread
+    missed = np.sqrt(np.mean(misfit**2, axis=0))
+    if np.all(missed < rounding):  # a simulation's own output: no noise is to be told
         exact = dataclasses.replace(NoiseModel.plain(rounding, noise.seat), machine=noise.machine)
         return dataclasses.replace(explanation, fit=solved(refreshed(fit, whitener.of(exact))))
+    spread = s.problem.spread
+    least = np.maximum(rounding, LEAST_PART * float(np.max(missed / spread)) * spread)
     windows = find_windows(explanation.fit)
-    s = fit.simulator
     whitener = with_noise_of_each(whitener, misfit, windows.sharp, s.steps_of_each)
     is_angle = np.array([y == "angle" for y in s.outputs])  # its counts are far apart, as its samples are
     steps = np.where(differenced == 0, s.steps, 0.0)
@@ -92,7 +96,7 @@ def with_noise(
         whitener, misfit, fit.raw, ~windows.sharp if moving else windows.settled, windows.sharp,
         colour=colour, again=again, counts=differenced, steps=np.where(is_angle, 0.0, steps),
         resolution=np.where(s.coarse | is_angle, steps, 0.0), is_held=held_by_sensor(fit),
-        torque=noise.torque if moving else None, behind=_colours_of_filters(s.plan),
+        torque=noise.torque if moving else None, least=least, behind=_colours_of_filters(s.plan),
     )  # fmt: skip
     del misfit  # of a million rows a thirtieth of what is held
     fit = solved(held_down(refreshed(fit, whitener.of(found)), windows.onsets))

@@ -54,6 +54,7 @@ def fit_noise(
     colour: bool,
     again: bool,
     torque: tuple[float, float] | None = None,
+    least: FloatArray | float = 0.0,
     behind: Sequence[Colours] = (),
 ) -> NoiseModel:
     """Return the noise model of the largest restricted likelihood.
@@ -85,6 +86,8 @@ def fit_noise(
         Keep the components of the whitener's noise, and estimate their parameters again.
     torque : deviation and correlation time, s, optional
         Of a wandering torque that all rows tell: the settled ones are not asked for it.
+    least : (q,) array
+        Deviation of white noise, which is no smaller.
     behind : sequence of Colours, optional
         Of each channel, what colours white noise may have behind the filters that are declared for it; none: no filter.
     """
@@ -114,7 +117,7 @@ def fit_noise(
     found = choice.again() if again else choice.best()
     differenced = np.maximum(found.differenced, counts)
     hidden = np.hypot(np.minimum(found.white, SHOWN_AT_LEVELS * steps), steps / STEP_DEVIATION)
-    white = np.maximum(found.white, np.maximum(hidden, resolution / STEP_DEVIATION))
+    white = np.maximum(np.maximum(found.white, least), np.maximum(hidden, resolution / STEP_DEVIATION))
     return dataclasses.replace(found, white=white, differenced=differenced)
 
 
