@@ -19,6 +19,7 @@ from estimator.explaining.effects.drive import Coasting
 from estimator.explaining.effects.edge_latency import EdgeLatency
 from estimator.explaining.effects.voltage_noise import VoltageNoise, with_errors_of_converters, without_noise
 from estimator.explaining.effects.voltage_offset import VoltageOffset
+from estimator.explaining.effects.voltage_sensor import VoltageSensorLag, before_sensor
 from estimator.explaining.explanation import Explanation
 from estimator.explaining.explanation_noise import by_noise_of
 from estimator.explaining.findings import (
@@ -177,6 +178,7 @@ def explain(
     if late:
         plan, again = _guessed_again(plan)
         starts = [*starts, again]
+    plan, starts, filtered = _before_sensor(plan, effects, begin, starts)
     noisy, told_quiet = plan, ""
     if any(e.name == VoltageNoise.name for e in effects) and may_be_replaced(plan):
         at_sight = quieted_at_sight(plan)
@@ -186,6 +188,7 @@ def explain(
     ways, selections, explanation = likelier_interpretation(plan, begin, starts, known)
     plan, selection = ways[0].plan, selections[0]
     changed = [Found(EdgeLatency.name, "", t, "") for t in late]
+    changed += [Found(VoltageSensorLag.name, "", t, "") for t in filtered]
     quiet, told = _quiet(plan, noisy, explanation, told_quiet)
     changed += told
     if quiet is not None:
@@ -247,6 +250,20 @@ def _read_at_sight(
     if any(e.name == EdgeLatency.name for e in effects):
         plan, late = with_latencies(plan)
     return plan, opened, late
+
+
+def _before_sensor(
+    plan: Plan, effects: Sequence[Effect], begin: Callable[[Plan], Selection], starts: Sequence[FloatArray]
+) -> tuple[Plan, Sequence[FloatArray], tuple[str, ...]]:
+    """Return a plan of the voltage before its sensor's filter, where that is likelier, starts, and words."""
+    before, told = before_sensor(plan) if any(e.name == VoltageSensorLag.name for e in effects) else (plan, "")
+    if not told:
+        return plan, starts, ()
+    before, again = _guessed_again(before)
+    starts_of_both = [*starts, again]
+    if not _is_likelier(begin, before, plan, starts_of_both):
+        return plan, starts, ()
+    return before, starts_of_both, (told,)
 
 
 def _guessed_again(plan: Plan) -> tuple[Plan, FloatArray]:

@@ -61,6 +61,7 @@ from estimator.explaining.effects.voltage_noise import VoltageNoise
 from estimator.explaining.effects.voltage_offset import VoltageOffset
 from estimator.explaining.effects.voltage_ramp import VoltageRamp
 from estimator.explaining.effects.voltage_rise import VoltageRise
+from estimator.explaining.effects.voltage_sensor import VoltageSensorLag
 from estimator.explaining.effects.voltage_transient import VoltageTransient
 from estimator.explaining.effects.voltage_within_rows import VoltageWithinRows
 
@@ -114,6 +115,7 @@ EFFECTS: tuple[Effect, ...] = (
     RunsDiffer(),
     StartingMotion(),
     VoltageNoise(),
+    VoltageSensorLag(),
     VoltageOffset(),
     VoltageTransient(),
     VoltageTransient(name="voltage overshoot", sign=-1, prior=SELDOM / 1000),  # a supply that sags is as likely
