@@ -29,7 +29,7 @@ from estimator.explaining.effects.limit_slope import LimitSlope
 from estimator.explaining.effects.load_step import LoadStep
 from estimator.explaining.effects.load_torque import LoadTorque
 from estimator.explaining.effects.lost_rows import LostRows
-from estimator.explaining.effects.low_pass import FORMS, LowPass
+from estimator.explaining.effects.low_pass import FORMS, ExponentialFilter, LowPass
 from estimator.explaining.effects.machine_effects import FrictionDrift, WindingWarms
 from estimator.explaining.effects.of_signals import (
     EddyCurrents,
@@ -69,6 +69,7 @@ EFFECTS: tuple[Effect, ...] = (
     Delay(),
     ChannelDelay(),
     *(LowPass(name=form, lateness=lateness) for form, (_, lateness, _) in FORMS.items()),
+    ExponentialFilter(),
     Smoothing(),
     Average(),
     MeanSpeed(),

@@ -17,13 +17,14 @@ from estimator.fitting.fit import Fit
 from estimator.fitting.simulator import Nuisance
 from estimator.motor.exponential import exponential
 from estimator.motor.winding import time_constant
-from estimator.noise.recursion import Sections, behind
+from estimator.noise.recursion import Sections, behind, recursion
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
 LATE_SPEED = "delay of w"
 TRIED = (0.3, 1.5, 6.0, 40.0, 200.0)  # samples, to half the longest
+EXPONENTIAL, TRIED_BY_ROWS = "exponential filter", (1.5, 6.0, 40.0)
 
 
 def lag(tau: float, h: float) -> Sections:
@@ -90,7 +91,7 @@ class LowPass(Effect):
             Nuisance(
                 f"{self.name} of {y}", "s", 0.0, longest, 0.0, h,
                 output=y, act=partial(through, own), sections=own, between=True,
-                tries=tries, excludes=tuple(f"{form} of {y}" for form in FORMS),
+                tries=tries, excludes=tuple(f"{form} of {y}" for form in (*FORMS, EXPONENTIAL)),
             )
             for y in plan.outputs
             if f"filter {y}" not in plan.declared and y != "angle"
@@ -130,3 +131,44 @@ class LowPass(Effect):
         """Say which."""
         y = name.rpartition(" ")[2]
         return f"{y} is shown through {FORMS[self.name][2]} with a time constant of {1e3 * value:.3g} ms"
+
+
+def by_rows(y: FloatArray, tau: float, h: float) -> FloatArray:
+    """Return x of x[k] = a x[k - 1] + (1 - a) y[k], a = exp(-h / tau), at rest before the first row."""
+    if tau <= 0:
+        return y
+    a = float(np.exp(-h / tau))
+    return np.asarray(recursion([1 - a], [-a], y))
+
+
+@dataclass(frozen=True)
+class ExponentialFilter(LowPass):
+    """An exponential filter that a logger takes from row to row, its time constant in s.
+
+    It has no memory of what was between the rows: it is half a row less late than a low-pass before the converter.
+    """
+
+    name: str = EXPONENTIAL
+    prior: float = 0.1
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return one for each output without a declared filter."""
+        h, longest = plan.shortest_step, longest_lateness(plan)
+        tries = tuple(n * h for n in TRIED_BY_ROWS if n * h < 0.5 * longest)
+        return [
+            Nuisance(
+                f"{EXPONENTIAL} of {y}", "s", 0.0, longest, 0.0, h, output=y, act=by_rows, tries=tries,
+                excludes=tuple(f"{form} of {y}" for form in FORMS),
+            )
+            for y in plan.outputs
+            if f"filter {y}" not in plan.declared and y != "angle"
+        ]  # fmt: skip
+
+    def in_two(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
+        """Return none."""
+        return ()
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say with which coefficient."""
+        y, share = name.rpartition(" ")[2], -float(np.expm1(-plan.shortest_step / value)) if value > 0 else 1.0
+        return f"{y} is shown through an exponential filter that takes {share:.3g} of each row"
