@@ -153,12 +153,13 @@ class AdditionTests:
                 assert alone is not None and across is not None
                 scores = Scores.of(test, fit.whitened, across, alone)
                 gain = test.gain(across)
-            elif group.least >= 0 > scores.along[0]:  # nothing has this sign
+            elif group.untold or group.least >= 0 > scores.along[0]:  # nothing has this sign
                 gain = 0.0
             addition = Addition(
                 effect, group.name, numbers, gain, linear=group,
                 scores=scores, across=across[:] if kept and across is not None else None,
                 tried=tried, usual=group.size if numbers == 1 else 0.0, unit=group.units[0],
+                untold=group.untold,
             )  # fmt: skip
             least = dataclasses.replace(addition, again=bool(self._recordings)).penalty(self.samples)
             if fit.simulator.rows > LONG and beside is None and gain <= least:

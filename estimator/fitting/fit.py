@@ -70,6 +70,8 @@ class Linear:
         They move the machine by much, and are no error of a sensor: noise follows the signals with them.
     foretold : bool
         The recordings show the coefficient elsewhere too, as a voltage at rest does that of its offset.
+    untold : bool
+        No such recording tells it: it is never found, only told among what is not visible.
     """
 
     name: str
@@ -87,6 +89,7 @@ class Linear:
     uncertain: FloatArray | None = None
     moves: bool = False
     foretold: bool = False
+    untold: bool = False
 
 
 @dataclass(frozen=True)
