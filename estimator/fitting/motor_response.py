@@ -344,13 +344,12 @@ def beside_current(fit: Fit, signal: FloatArray, *, rows_late: int = 0) -> Float
     """Return what the sensors show, (rows, q), of a signal that adds to the current, (rows,)."""
     s = fit.simulator
     result = np.zeros((s.rows, len(s.outputs)))
-    for clock in s.clocks:
+    for clock in s.clocks if "i" in s.outputs else ():
         whole, part = divmod(channel_delay(s, fit.value, "i") / clock.step, 1.0)
-        moved = [_moved(signal[clock.rows], int(whole) + rows_late + more) for more in (0, 1)]
-        current = (1 - part) * moved[0] + part * moved[1]
-        nothing = np.zeros_like(current)
-        states = [np.array([current if y == "i" else nothing, nothing, nothing]) for y in s.outputs]
-        result[clock.rows] = _as_shown(fit, states, clock)
+        states = np.zeros((3, clock.rows.stop - clock.rows.start))
+        for more, share in ((0, 1 - part), (1, part)):
+            states[0] += share * _moved(signal[clock.rows], int(whole) + rows_late + more)
+        result[clock.rows, s.outputs.index("i")] = _as_shown_by(fit, "i", states, clock)
     return result
 
 
@@ -443,14 +442,17 @@ def _later(
 
 def _as_shown(fit: Fit, states: Sequence[FloatArray], clock: Clock) -> FloatArray:
     """Return the states, (3, n) for each output, as the outputs' sensors show them, (n, q)."""
+    shown = [_as_shown_by(fit, y, own, clock) for y, own in zip(fit.simulator.outputs, states, strict=True)]
+    return np.column_stack(shown)
+
+
+def _as_shown_by(fit: Fit, output: str, states: FloatArray, clock: Clock) -> FloatArray:
+    """Return the states, (3, n), as an output's sensor shows them, (n,)."""
     s = fit.simulator
-    columns = []
-    for y, own in zip(s.outputs, states, strict=True):
-        shown = sensed(s, y, own, clock)
-        for act, value in acting(s, fit.value, y):
-            shown = act(shown, value, clock.step)
-        columns.append(shown)
-    return np.column_stack(columns)
+    shown = sensed(s, output, states, clock)
+    for act, value in acting(s, fit.value, output):
+        shown = act(shown, value, clock.step)
+    return shown
 
 
 def sensed(s: Simulator, output: str, states: FloatArray, clock: Clock) -> FloatArray:

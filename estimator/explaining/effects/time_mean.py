@@ -16,6 +16,8 @@ from estimator.explaining.effects.low_pass import FORMS, LATE_SPEED
 from estimator.fitting.fit import Fit
 from estimator.fitting.simulator import Nuisance
 from estimator.motor.winding import time_constant
+from estimator.noise.in_parts import blocks
+from estimator.plans.part import LONG
 from estimator.plans.plan import ChainSpec, Plan
 
 FloatArray = NDArray[np.float64]
@@ -29,14 +31,17 @@ def mean_over_time(y: FloatArray, length: float, h: float) -> FloatArray:
     if length <= 0:
         return y
     rows, part = divmod(length / h, 1.0)
-    before = int(rows) + 1
-    known = np.concatenate([np.repeat(y[:1], before), y])
-    whole = np.zeros(len(known))
-    np.cumsum(0.5 * (known[1:] + known[:-1]), out=whole[1:])
-    n, begins = len(y), slice(1, 1 + len(y))  # the row behind which the mean begins, or at which
-    first = known[begins]
-    cut = whole[begins] - part * first + 0.5 * part**2 * (first - known[:n])
-    return np.asarray((whole[before:] - cut) * h / length)
+    before, mean = int(rows) + 1, np.empty(len(y))
+    for at in blocks(len(y)):  # a long recording is held once more, not seven times
+        known = y[max(0, at.start - before) : at.stop]
+        known = np.concatenate([np.repeat(y[:1], before + at.stop - at.start - len(known)), known])
+        whole = np.zeros(len(known))
+        np.cumsum(0.5 * (known[1:] + known[:-1]), out=whole[1:])
+        n, begins = at.stop - at.start, slice(1, 1 + at.stop - at.start)  # the row behind which it begins, or at which
+        first = known[begins]
+        cut = whole[begins] - part * first + 0.5 * part**2 * (first - known[:n])
+        mean[at] = (whole[before:] - cut) * h / length
+    return mean
 
 
 def means_and_a_lag(fit: Fit, late: float, *, of_speed: float) -> list[dict[str, float]]:
@@ -81,11 +86,12 @@ class TimeMean(Effect):
     sentence: str = "{channel} is a mean over the last {ms:.3g} ms: its converter's"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return that of the current, where no mean is declared."""
+        """Return that of the current, where no mean is declared; in long recordings it is not looked for."""
         h, longest = plan.shortest_step, longest_lateness(plan)
         if "i" not in plan.outputs or "average i" in plan.declared or not plan.chains.get("i", ChainSpec()).is_plain:
             return ()
-        tries = tuple(n * h for n in TIMES if n * h < 0.5 * longest)
+        is_long = sum(len(o.recording.time) for o in plan.observed) > LONG
+        tries = () if is_long else tuple(n * h for n in TIMES if n * h < 0.5 * longest)
         return [
             Nuisance(
                 f"{self.name} of i", "s", 0.0, longest, 0.0, h, output="i", act=mean_over_time, between=True,
