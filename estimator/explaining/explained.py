@@ -32,7 +32,7 @@ from estimator.explaining.findings import (
     varying_parameters,
 )
 from estimator.explaining.incoherent_noise import quieted_again, quieted_at_sight
-from estimator.explaining.interpretations import Interpretation
+from estimator.explaining.interpretations import Interpretation, interpretations
 from estimator.explaining.likelier_interpretation import as_interpreted_by, likelier_interpretation
 from estimator.explaining.noise_of_all_rows import by_all_rows
 from estimator.explaining.open_circuits import OwnVoltage, with_open_circuits
@@ -261,7 +261,7 @@ def _before_sensor(
         return plan, starts, ()
     before, again = _guessed_again(before)
     starts_of_both = [*starts, again]
-    if not _is_likelier(begin, before, plan, starts_of_both):
+    if not all(_is_likelier(begin, before, way.plan, starts_of_both) for way in interpretations(plan)):
         return plan, starts, ()
     return before, starts_of_both, (told,)
 
