@@ -539,3 +539,18 @@ def test_digits_far_below_the_noise_are_no_steps_of_it():
 
     assert _of_steps(fit([0.001, 0.3]), np.zeros(2)).tolist() == [False, True]
     assert _of_steps(fit([0.0, 0.0]), np.array([0.0, 0.2])).tolist() == [False, True]
+
+
+@pytest.mark.parametrize("size", [1e200, np.inf, np.nan])
+def test_shared_errors_beyond_all_numbers_are_left_out(size):
+    """As parameters or a noise out of all proportion make them: eigenvalues did not converge, an internal error."""
+    rng = np.random.default_rng(3)
+    bare = whitener_of(plain(0.1), 200)
+    shared = rng.standard_normal((200, 1, 2))
+    columns = rng.standard_normal((200, 1, 3))
+    some = dataclasses.replace(bare, shared=shared)
+    assert not np.allclose(some(columns)[0], bare(columns)[0])
+    shared[7, 0, 1] = size
+    most = dataclasses.replace(bare, shared=shared)
+    np.testing.assert_array_equal(most(columns)[0], bare(columns)[0])
+    assert most(columns)[1] == bare(columns)[1] and most.by_noise_alone(columns[:, 0])[1].shape[1] == 0

@@ -83,8 +83,12 @@ class Whitener:
         """The shared errors whitened, F, and M with (I + F F')^-1/2 = I - F M F'; log det (I + F F')."""
         if self.shared is None:
             return None
-        f = self._by_noise(self.shared)[0].reshape(-1, self.shared.shape[2])
-        sizes, axes = np.linalg.eigh(f.T @ f)
+        with np.errstate(over="ignore", invalid="ignore"):
+            f = self._by_noise(self.shared)[0].reshape(-1, self.shared.shape[2])
+            products = f.T @ f
+        if not np.isfinite(products).all():  # beyond all numbers, of parameters or a noise out of all proportion
+            return None
+        sizes, axes = np.linalg.eigh(products)
         root = np.sqrt(1 + np.maximum(sizes, 0.0))
         return f, (axes / (root * (1 + root))) @ axes.T, float(2 * np.sum(np.log(root)))
 
