@@ -22,6 +22,7 @@ BoolArray = NDArray[np.bool_]
 TOLD = 4.0  # standard errors by which noises differ; of n second differences' logarithm one is 1 / sqrt n
 ALIKE = 0.2  # of a logarithm: noises that differ by less are one
 FAR = 6.7  # times the median of sizes: 4.5 deviations, normal noise is hardly ever as far
+LEAST_SHARE = 1e-3  # no range of a sensor is so much finer than another: what is left of less is no noise
 ROUNDS = 2  # in which shares and growth are told, each by the other
 
 
@@ -87,7 +88,7 @@ def _given(each: Sequence[Differences], growth: Growth) -> FloatArray:
     with np.errstate(divide="ignore", invalid="ignore"):  # of what is left nowhere
         closely = left / left[noisiest]
         agrees = np.abs(np.log(closely / share)) < by_chance
-    return np.where(differs, np.where(agrees, np.minimum(closely, 1.0), share), 1.0)
+    return np.maximum(np.where(differs, np.where(agrees, np.minimum(closely, 1.0), share), 1.0), LEAST_SHARE)
 
 
 def _typical(sizes: FloatArray) -> float:
