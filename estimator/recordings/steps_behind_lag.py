@@ -53,7 +53,7 @@ class _Change(NamedTuple):
 
 
 def steps_behind_lag(v: FloatArray, step: float) -> LaggedSteps | None:
-    """Return the steps that a voltage, (n,), shows as exponentials, with a constant interval in s; None: it does not.
+    """Return the steps that a voltage, (n,), shows as exponentials, `step` s from row to row; None: it shows none.
 
     All its changes have the same time constant, of a row or more, and it settles between them.
     """

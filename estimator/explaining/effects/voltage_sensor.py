@@ -14,14 +14,12 @@ from estimator.explaining.effects.base import Effect
 from estimator.plans.plan import Plan
 from estimator.recordings.steps_behind_lag import steps_behind_lag
 
-NAME = "voltage sensor lag"
-
 
 @dataclass(frozen=True)
 class VoltageSensorLag(Effect):
     """A first-order low-pass that a measured voltage is shown through; told by the voltage's own steps."""
 
-    name: str = NAME
+    name: str = "voltage sensor lag"
 
 
 def before_sensor(plan: Plan) -> tuple[Plan, str]:
