@@ -465,6 +465,27 @@ def test_a_scopes_settings_beside_the_samples_are_passed_over(tmp_path):
     assert recording.signals["column 5"][:3] == pytest.approx([0.1, 0.2, 0.3])
 
 
+def test_settings_with_empty_cells_above_the_samples_are_no_header(tmp_path):
+    """As Siglent's oscilloscopes write them; the unit of the time beside "Horizontal Units" was taken for its name."""
+    settings = ["Record Length,Analog:60", "Horizontal Units,s,,,", "Horizontal Scale,0.2,,,", "Source,CH1,CH2"]
+    rows = [f" {t:.6f},{v:.3f},{i:.4f}" for t, v, i in zip(T, V, I, strict=True)]
+    path = tmp_path / "SDS00001.csv"
+    path.write_text("\n".join([*settings, "Second,Volt,Ampere", *rows]) + "\n")
+    recording = read_recording(path)
+    assert list(recording.signals) == ["Volt", "Ampere"] and recording.time == pytest.approx(T)
+
+
+def test_names_that_are_commented_out_stand_above_rows_that_hold_a_word_too(tmp_path):
+    """As rostopic writes messages, with the name of a frame; no header was found."""
+    since = [1_610_000_000_000_000_000 + round(1e9 * t) for t in T]
+    rows = [f"{t},base,{v},{i},{w}" for t, v, i, w in zip(since, V, I, W, strict=True)]
+    path = tmp_path / "motor.csv"
+    path.write_text("\n".join(["%time,field.frame_id,field.voltage,field.current,field.velocity", *rows]) + "\n")
+    recording = read_recording(path)
+    assert motor_columns(recording) == {"v": "field.voltage", "i": "field.current", "w": "field.velocity"}
+    assert recording.time == pytest.approx(T, abs=1e-6)
+
+
 def test_a_word_among_numbers_makes_no_header(tmp_path):
     (tmp_path / "log.txt").write_text("% motor log\n" + "".join(f"{0.01 * k:.2f} 0x0 {k} 1\n" for k in range(20)))
     with pytest.raises(RecordingError, match="line 2: there is no header above the numbers"):

@@ -54,37 +54,45 @@ def find_header(path: Path, lines: list[str], rules: HeaderRules) -> tuple[int, 
     first = content[0]
     above = list(itertools.takewhile(lambda k: not holds_numbers_only(lines[k]), content))
     below = dict(zip(content, content[1:], strict=False))
-    if not above:
-        for k in [k for k in range(first) if lines[k].strip()][-1:]:  # numpy.savetxt comments its header out
-            line = lines[k].lstrip(" \t#%")
-            for delimiter, cells in ways_to_split(line):
-                if rules.is_header(cells) and width_of(lines[first], delimiter, len(cells)) == len(cells):
-                    return k, delimiter, cells
-        _no_header(path, lines, first)
+    numbers = content[len(above)] if len(above) < len(content) else None
     ways = [(k, *way) for k in above for way in ways_to_split(lines[k]) if rules.is_header(way[1])]
+    if not ways and (commented := _commented_header(lines, first, rules)) is not None:
+        return commented
+    if not above:
+        _no_header(path, lines, first)
     if not ways:
         named = [cells for _, cells in ways_to_split(lines[first]) if len(cells) > 1]
         if any(count_of_numbers(cells) > 1 and 2 * count_of_numbers(cells) > sum(map(bool, cells)) for cells in named):
             _no_header(path, lines, first)  # a word among numbers makes no header
         rules.complain(f"{path.name} line {first + 1}", named[0] if named else [lines[first].strip()])
 
-    def likeliness(way: tuple[int, str | None, Cells]) -> tuple[bool, bool, bool]:
-        """Rate a header: as wide as the line below, names above numbers or units, more than one cell."""
+    def likeliness(way: tuple[int, str | None, Cells]) -> tuple[bool, bool, bool, bool]:
+        """Rate a header: names above numbers or units, as wide as the line below, and as the numbers, several cells."""
         k, delimiter, cells = way
         under = lines[below[k]] if k in below else ""
         fits = width_of(under, delimiter, len(cells)) == len(cells)
         is_above = holds_numbers_only(under) or rules.is_units(split_cells(under, delimiter))
-        return fits and is_above and not rules.is_units(cells), fits, len(cells) > 1
+        is_as_wide = numbers is not None and width_of(lines[numbers], delimiter, len(cells)) == len(cells)
+        return fits and is_above and not rules.is_units(cells), fits, fits and is_as_wide, len(cells) > 1
 
     best = max(ways, key=likeliness)
     if not likeliness(best)[1]:  # by another delimiter a line of names is as wide as the numbers below it
         for k in above:
             for way in ways_to_split(lines[k]):
-                if likeliness((k, *way)) == (True, True, True):
+                if all(likeliness((k, *way))):
                     rules.complain(f"{path.name} line {k + 1}", way[1])
     at, delimiter, cells = best
     under = [split_cells(lines[k], delimiter) for k in content if k > at][:COUNTED]
     return at, delimiter, ["", *cells] if _are_counted(under, len(cells)) else cells
+
+
+def _commented_header(lines: list[str], first: int, rules: HeaderRules) -> tuple[int, str | None, Cells] | None:
+    """Return the header that is commented out above the first row, as numpy.savetxt and rostopic write it."""
+    for k in [k for k in range(first) if lines[k].strip()][-1:]:
+        for delimiter, cells in ways_to_split(lines[k].lstrip(" \t#%")):
+            if rules.is_header(cells) and width_of(lines[first], delimiter, len(cells)) == len(cells):
+                return k, delimiter, cells
+    return None
 
 
 def words_below(
