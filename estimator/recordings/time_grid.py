@@ -25,7 +25,7 @@ from estimator.recordings.units import FloatArray
 
 OFF_GRID = 0.01  # of the step: further off is no uniform grid
 JITTER = 0.25  # of the step: an interval further off a whole number of steps is an error
-TENTH = 0.1  # of the steps that are off: no mistake
+TENTH, SEVERAL = 0.1, 20  # of the steps that are off, or so many steps: no mistake
 ONCE, EXACT = 1, 1e-3  # row off the grid, of the step the others: one alone is a mistake, else the clock jitters
 LATE = 3.0  # half digits: a row off the grid by no more was stamped one tick late, such as by a loop at its millis()
 OFTEN, PAUSE = 3, 20  # intervals off any grid that are a clock without one; times the usual interval: a pause
@@ -185,8 +185,8 @@ def _without_grid(times: FloatArray, half_digit: Callable[[], FloatArray] | None
     off = (away > JITTER * usual) | (steps < usual / 2)
     print_error = 0.0 if half_digit is None else 2 * median(half_digit())
     jitters = median(np.abs(steps - usual)) > max(EXACT * usual, print_error)
-    # Of a timer that counts few ticks most are even.
-    jitters |= bool(np.mean(away > max(OFF_GRID * usual, print_error)) > TENTH)
+    # Of a timer that counts few ticks most are even, and of a computer that is late at times.
+    jitters |= int(np.count_nonzero(away > max(OFF_GRID * usual, print_error))) > min(TENTH * len(away), SEVERAL)
     if np.count_nonzero(off) < OFTEN and not jitters:
         return None
     return Clock(times.copy(), usual, even=False)
