@@ -700,6 +700,7 @@ def test_what_is_required_can_be_less(tmp_path: Path) -> None:
             " --fix v=VOLTS where it was constant (hall [V], cur",
         ),
         ("time,CH1 (V),CH2 (A),x", "is it 'CH1 (V)'? (CH1 (V), CH2 (A), x); say which it is with --column 'v=CH1 (V)'"),
+        ("time,C1(V),C2(A),x", "is it 'C1(V)'? (C1(V), C2(A), x); say which it is with --column 'v=C1(V)'"),
         (
             "time,Vbus,current,speed",
             "run3.csv has no voltage column; is it 'Vbus'? (Vbus, current, speed); say which it",
@@ -717,6 +718,16 @@ def test_a_motor_column_that_is_missing_or_misfits_is_said(header: str, sentence
     with pytest.raises(RecordingError) as caught:
         motor_columns(read(tmp_path, with_header(header)))
     assert sentence in str(caught.value)
+
+
+def test_a_temperature_and_a_command_are_no_current_that_may_be_meant(tmp_path: Path) -> None:
+    """The current was asked for as 'motor temp [C]'."""
+    recording = read(tmp_path, with_header("time,voltage,motor temp [C],x axis cmd [A]"))
+    with pytest.raises(RecordingError, match=r"has no current column; is it 'x axis cmd \[A\]'\?"):
+        motor_columns(recording, required=["v"], either=["i", "w"])
+    recording = read(tmp_path, with_header("time,voltage,x axis cmd [A],x axis [A]"))
+    with pytest.raises(RecordingError, match=r"has no current column; is it 'x axis \[A\]'\?"):
+        motor_columns(recording, required=["v"], either=["i", "w"])
 
 
 @pytest.mark.parametrize("column", ["x [counts]", "encoder", "motor encoder [ticks]"])

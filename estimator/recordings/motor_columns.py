@@ -15,6 +15,7 @@ from estimator.recordings.headers import (
     ROLE_QUANTITY,
     ROLE_TITLE,
     USUAL_NAMES,
+    Header,
     absolute_of,
     assumed_unit,
     is_secondary,
@@ -30,7 +31,7 @@ SAME, FEW = 0.02, 0.05  # of the span, of the samples: columns that differ by le
 DRIVE, VOLTS = frozenset({"u", "v", "input"}), frozenset({"volt", "volts"})  # "final_u", "input signal", "sig_volt"
 SYMBOL = re.compile(r"[uv]_?[a-z0-9]$")  # a voltage's with an index, "Ud", "u_a": suggested, not taken
 # A scope's: its unit alone tells the signal.
-CHANNEL = re.compile(r"(ch|chan|channel|kanal|ain|analog|probe)_?[0-9a-d]+$|[0-9]+$")
+CHANNEL = re.compile(r"(c|ch|chan|channel|kanal|ain|analog|probe)_?[0-9a-d]+$|[0-9]+$")
 
 
 def motor_columns(
@@ -247,7 +248,7 @@ def _without_sign(recording: Recording, role: str) -> str | None:
 def _meant(recording: Recording, role: str, taken: Collection[str], *, by_unit: bool) -> list[str]:
     """Return the headers of columns that nearly have a role's name, or else are in its unit."""
     left = {c: parse_header(h) for c, h in recording.headers.items() if c not in taken}
-    fitting = [h for h in left.values() if h.unit is None or h.unit.quantity == ROLE_QUANTITY[role]]
+    fitting = [h for h in left.values() if h.unit_text is None or _is_of(h, role)]
     near = [h.text for h in fitting if get_close_matches(plain(h.name), USUAL_NAMES[role], n=1, cutoff=0.75)]
     near = [text for text in near if not _words(parse_header(text).name) & ASKED] or near
     if not near and role == "v":
@@ -258,11 +259,16 @@ def _meant(recording: Recording, role: str, taken: Collection[str], *, by_unit: 
         near = worded if len(worded) == 1 else []
     if near or not by_unit:
         return near
-    in_unit = [h.text for h in left.values() if h.unit is not None and h.unit.quantity == ROLE_QUANTITY[role]]
+    in_unit = [h.text for h in left.values() if _is_of(h, role)]
+    in_unit = [text for text in in_unit if not is_secondary(parse_header(text).name)] or in_unit
     if role != "v":
         return in_unit
     names = [plain(parse_header(text).name) for text in in_unit]
     return [text for text, name in zip(in_unit, names, strict=True) if CHANNEL.match(name) or SYMBOL.match(name)]
+
+
+def _is_of(header: Header, role: str) -> bool:
+    return header.unit is not None and header.unit.quantity == ROLE_QUANTITY[role]
 
 
 def _example(role: str) -> str:
