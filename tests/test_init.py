@@ -110,6 +110,20 @@ def test_an_angle_stands_for_the_speed_where_no_speed_was_measured(folder):
     assert guessed["outputs"]["angle"] == {"column": "angle", "fmu": "shaft.phi"}
 
 
+def test_the_speed_drives_the_electrical_part_of_a_motor_alone(folder):
+    """The speed was asked for among the outputs, and K then moved no signal."""
+    shaft = ('valueReference="7" causality="output" variability="continuous" initial="exact"', 'valueReference="7"')
+    change = [(shaft[0], f'{shaft[1]} causality="input" variability="continuous"')]
+    change += [('name="motor.Jm"', 'name="p4"'), ('unit="kg.m2"', 'unit="1"'), ('name="kg.m2"', 'name="1"')]
+    change += [('name="motor.c"', 'name="p5"'), ('unit="N.m.s/rad"', 'unit="A"')]
+    fmu = foreign_fmu(folder / "electrical", change=change)
+    text = case_text(describe(fmu), read_recording(folder / "step.csv"), fmu=str(fmu), folder=folder)
+    guessed = tomllib.loads(text)
+    assert guessed["inputs"]["shaft.w"] == {"column": "speed", "between": "linear"}
+    assert set(guessed["outputs"]) == {"i"} and set(guessed["parameters"]) == {"R", "K", "L"}
+    assert "nothing looks like it" not in text and "no variable looks like it" not in text
+
+
 def test_what_could_not_be_guessed_is_marked(folder, capsys):
     change = [('name="motor.Ra"', 'name="motor.p1"'), ('unit="Ohm"', 'unit="1"'), ('name="Ohm"', 'name="1"')]
     odd = foreign_fmu(folder / "odd", change=change)

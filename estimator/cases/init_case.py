@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from estimator.cases.case import PARAMETER, ParameterSpec
-from estimator.cases.case_signals import InputSpec, RunSpec, input_value, run_value
-from estimator.cases.roles import guess_roles
+from estimator.cases.case_signals import LINEAR, InputSpec, RunSpec, input_value, run_value
+from estimator.cases.roles import driving_speed, guess_roles
 from estimator.cases.si_units import in_si
 from estimator.cases.strict_toml import to_key, to_toml
 from estimator.fmus.fmu import FmuDescription
@@ -26,7 +26,7 @@ from estimator.recordings.samples import filled
 
 MARK = "# TODO"  # what could not be guessed
 WIDTH = 100.0  # factor either way of the start
-WIDE = {"J": 1e3, "B": 1e4}  # of a motor's that single recordings tell less well
+WIDE = {"J": 1e3, "B": 1e4}  # of the shaft's, which single recordings tell less well
 SHOWN = 30  # other variables that are listed
 FEW = 6  # parameters of an FMU that is no motor: no more, and all are estimated
 RPM = f"; taken as rad/s, add gain = {np.pi / 30:.10g} if it is in rpm"
@@ -57,8 +57,14 @@ def case_text(
     taken = [n for r in ("v", "load", "i", motion) if r in columns for n in roles.get(r, ())[:1]]
     given = {name: column for name, column in alike.items() if name not in taken and column not in columns.values()}
     driven = [_alike_line(variables[n], c) for n, c in given.items() if variables[n].causality == "input"]
+    shaft = driving_speed(description) if roles and "w" in columns and not {"w", "angle"} & roles.keys() else None
+    if shaft is not None:  # the electrical part alone: its motion comes from the recording
+        driven = [line for line in driven if not line.startswith(f"{to_key(shaft)} = ")]
+        speed = input_value(InputSpec(columns["w"], between=LINEAR))
+        driven.append(f"{to_key(shaft)} = {to_toml(speed)}  # {_told(variables[shaft])}")
     shown = [_alike_line(variables[n], c) for n, c in given.items() if variables[n].causality != "input"]
-    needed = (("v",), ("i", motion)) if roles else ((), ())
+    needed = (("v",), ("i", motion) if shaft is None else ("i",)) if roles else ((), ())
+    parts = MOTOR if shaft is None else [role for role in MOTOR if role in roles or role not in WIDE]
     encoder = counting(recording, columns.values()) if motion not in columns else None
     hints = {} if encoder is None else {motion: f" ({encoder!r} counts an encoder: init again with --counts 4000)"}
     lines = [
@@ -84,7 +90,7 @@ def case_text(
         ),
         "",
         f"[parameters]{_MOTOR_NAMES if roles else ''}",
-        *_parameters(roles, variables, _ranges(columns, recording)),
+        *_parameters(roles, variables, _ranges(columns, recording), parts=parts),
         *_fixed(roles, {*columns, *given}, variables),
         "",
         "[[recording]]",
@@ -158,11 +164,15 @@ def _ranges(columns: Mapping[str, str], recording: Recording) -> dict[str, Range
 
 
 def _parameters(
-    roles: dict[str, tuple[str, ...]], variables: dict[str, Variable], ranges: Mapping[str, Range]
+    roles: dict[str, tuple[str, ...]],
+    variables: dict[str, Variable],
+    ranges: Mapping[str, Range],
+    *,
+    parts: Sequence[str],
 ) -> list[str]:
     rows = []
     taken = {name for role in MOTOR for name in roles.get(role, ())}
-    for role in MOTOR if roles else ():
+    for role in parts if roles else ():
         if names := roles.get(role):
             variable = variables[names[0]]
             rows.append(f"{role} = {_parameter(role, names, variable, ranges.get(role))}  # {_told(variable)}")

@@ -49,6 +49,14 @@ def guess_roles(description: FmuDescription) -> dict[str, tuple[str, ...]]:
     return found if electrical and len(set(MOTOR) & set(found)) >= LEAST else {}
 
 
+def driving_speed(description: FmuDescription) -> str | None:
+    """Return the input that looks like the shaft's speed, as of a motor's electrical part alone; None: none does."""
+    in_units = [v for v in description.variables if v.is_real and v.unit]
+    rated = [(_points(in_si(v), "w", causalities=("input",)), v.name) for v in in_units]
+    points, name = max(rated, key=lambda pair: pair[0], default=(0, ""))
+    return name if points >= ENOUGH else None
+
+
 def _with_the_last(description: FmuDescription, found: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
     """Give a motor's last part to a name that alone says nothing: `d`, the only such one left beside R, K, L and J."""
     missing = [role for role in MOTOR if role not in found]
@@ -83,9 +91,9 @@ def _best(description: FmuDescription) -> dict[str, tuple[str, ...]]:
     return {role: found[role] for role in ROLES if role in found}
 
 
-def _points(variable: Variable, role: str) -> int:
-    causalities, units, names, words = _CLUES[role]
-    if variable.causality not in causalities:
+def _points(variable: Variable, role: str, *, causalities: tuple[str, ...] | None = None) -> int:
+    usual, units, names, words = _CLUES[role]
+    if variable.causality not in (causalities or usual):
         return 0
     unit = named(variable.unit)
     if unit and unit not in units:
