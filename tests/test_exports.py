@@ -233,6 +233,19 @@ def test_a_counter_that_is_as_long_as_a_date_is_none(write, capsys):
     assert "since 1970" not in run(capsys, "check", path)[1]  # ns of twenty minutes
 
 
+@pytest.mark.parametrize(
+    "cells",
+    [
+        ("0 days 00:00:00", "0 days 00:00:00.500000", "1 days 00:00:01.500000"),
+        ("0 sec", "0.5 sec", "86401.5 sec"),
+        ("0 s", "0.5 s", "86401.5 s"),
+    ],
+)
+def test_durations_of_pandas_and_of_matlab_s_timetables_are_times(cells):
+    found = seconds_since_first(cells)
+    assert found is not None and found[0].tolist() == [0.0, 0.5, 86401.5]
+
+
 @pytest.mark.parametrize("mark", [".", ",", ":"])
 def test_minutes_and_seconds_and_thousandths_behind_a_colon_are_times(mark):
     found = seconds_since_first([f"59:59{mark}998", f"59:59{mark}999", f"00:00{mark}001"])
