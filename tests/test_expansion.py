@@ -93,6 +93,18 @@ def test_a_table_whose_columns_no_comma_separates_may_have_decimal_commas(folder
         cases_of(folder, text)
 
 
+def test_a_cell_of_a_table_may_go_over_lines(folder):
+    """A remark of a spreadsheet; it ended in an internal error."""
+    (folder / "motors.csv").write_text('serial,remark\n# of Monday\nA1,"noisy\nbearing"\nB2,good\n')
+    assert [case.motor for case in cases_of(folder, ROWS)] == ["A1", "B2"]
+    (folder / "motors.csv").write_text('serial,remark\nA1,"noisy\nbearing"\nB2\n')
+    with pytest.raises(CaseError, match="motors.csv line 4 has 1 cells, the header 2"):
+        cases_of(folder, ROWS)
+    (folder / "motors.csv").write_text('serial,remark\nA1,"' + "noisy\n" * 30_000)
+    with pytest.raises(CaseError, match="motors.csv line 2 cannot be read"):
+        cases_of(folder, ROWS)
+
+
 ROWS = '[motors]\nfile = "motors.csv"\n[[recording]]\nfile = "{serial}_1.csv"\n'
 WRONG = {
     "no match": (

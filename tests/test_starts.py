@@ -120,6 +120,14 @@ def test_a_start_outside_its_bounds_is_said(folder):
         estimate(read_case(case(folder, search="starts = [{ rate = -1 }]")))
 
 
+def test_a_table_of_starts_may_have_decimal_commas_where_no_comma_parts_its_cells(tmp_path):
+    """It "holds no start: no column is called as a free parameter"."""
+    (tmp_path / "earlier.csv").write_text("R;K;note\n3,1;0,05;a, b\n3.2;;\n")
+    assert read_starts(tmp_path / "earlier.csv") == [{"R": 3.1, "K": 0.05}, {"R": 3.2}]
+    (tmp_path / "earlier.csv").write_text('R,K\n"3,1",0.05\n')
+    assert read_starts(tmp_path / "earlier.csv") == [{"K": 0.05}]
+
+
 def test_a_file_without_a_start_is_said(tmp_path):
     (tmp_path / "other.csv").write_text("R,K\n3,0.05\n")
     with pytest.raises(InputError, match=r"other.csv holds no start: no column is called as a free parameter \(rate\)"):

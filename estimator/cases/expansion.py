@@ -73,16 +73,29 @@ def _table(motors: Table, file: Path) -> tuple[list[str], list[tuple[int, dict[s
         motors.fail(("file",), f"{file.name} has no row below its header; add one for each motor")
     header = lines[0][1]
     delimiter = max(",;\t", key=header.count)
-    cells = list(csv.reader((line for _, line in lines), delimiter=delimiter, skipinitialspace=True))
-    columns = [cell.strip() for cell in cells[0]]
+    (_, header_cells), *below = _cells(motors, file, lines, delimiter)
+    columns = [cell.strip() for cell in header_cells]
     for column in columns:
         if columns.count(column) > 1 or not column:
             motors.fail(
                 ("file",), f"{file.name} line {lines[0][0]}: the column {column!r} is not unique; name each once"
             )
     rows = []
-    for (line, _), row in zip(lines[1:], cells[1:], strict=True):
+    for line, row in below:
         if len(row) != len(columns):
             motors.fail(("file",), f"{file.name} line {line} has {len(row)} cells, the header {len(columns)}")
         rows.append((line, dict(zip(columns, (cell.strip() for cell in row), strict=True))))
     return columns, rows, "." if delimiter == "," else ","
+
+
+def _cells(motors: Table, file: Path, lines: Sequence[tuple[int, str]], delimiter: str) -> list[tuple[int, list[str]]]:
+    """Return the cells of each row and the number of its first line; a cell in quotes may go over several."""
+    reader = csv.reader((f"{line}\n" for _, line in lines), delimiter=delimiter, skipinitialspace=True)
+    found, begins = [], 0
+    try:
+        for row in reader:
+            found.append((lines[begins][0], row))
+            begins = reader.line_num
+    except csv.Error as error:
+        motors.fail(("file",), f"{file.name} line {lines[begins][0]} cannot be read ({error}); end its quotes")
+    return found

@@ -1,8 +1,8 @@
 """Where the user wants a search to begin, beside its own start: values, or tables of earlier results. Runs nothing.
 
 A table is a CSV file with a column for each parameter, named as it, with a unit or without (a batch's results.csv, or
-one of your own), or the result.json of an earlier estimate. Other columns, refused estimates and empty cells are passed
-over.
+one of your own, with decimal commas where no comma parts its cells), or the result.json of an earlier estimate. Other
+columns, refused estimates and empty cells are passed over.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from estimator.cases.keys import CELL, TEXT, Key
 from estimator.cases.strict_toml import Table, number_in
 from estimator.errors import InputError, is_sized, suggestion
 from estimator.recordings.headers import parse_header
+from estimator.recordings.text_cells import number_in as cell_number
 
 Start = Mapping[str, float] | str  # values in SI units, or a file's absolute path
 REFUSED = ("refused", "failed")
@@ -84,7 +85,9 @@ def _of_result(path: Path, text: str) -> dict[str, float]:
 
 
 def _of_table(text: str) -> list[dict[str, float]]:
-    lines = list(csv.reader(text.splitlines(), delimiter=_delimiter(text)))
+    delimiter = _delimiter(text)
+    decimals = "." if delimiter == "," else ".,"
+    lines = list(csv.reader(text.splitlines(), delimiter=delimiter))
     if not lines:
         return []
     headers = [parse_header(cell) for cell in lines[0]]
@@ -95,11 +98,9 @@ def _of_table(text: str) -> list[dict[str, float]]:
             continue
         row = {}
         for header, cell in zip(headers, line, strict=False):
-            try:
-                value = float(cell)
-            except ValueError:
-                continue
-            if is_sized(value):
+            known = (cell_number(cell.strip(), decimal) for decimal in decimals)
+            value = next((number for number in known if number is not None), None)
+            if value is not None and is_sized(value):
                 row[header.name] = header.unit.to_si(value) if header.unit is not None else value
         rows.append(row)
     return rows
