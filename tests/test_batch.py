@@ -430,12 +430,15 @@ case_worker.CaseWorker.run = run
 """
 
 
-def test_a_process_that_dies_takes_nobody_along(tmp_path, monkeypatch):
+@pytest.mark.parametrize("number", [signal.SIGKILL, 40])
+def test_a_process_that_dies_takes_nobody_along(number, tmp_path, monkeypatch):
+    """Of a real-time signal, which has no name, the whole batch ended."""
     real = subprocess.Popen
+    fault = FRAGILE.replace("signal.SIGKILL", str(int(number)))
 
     def fragile(arguments, **options):
         place = "from estimator.batches.case_worker"
-        code = arguments[-1].replace(place, f"exec({FRAGILE!r}); {place}")
+        code = arguments[-1].replace(place, f"exec({fault!r}); {place}")
         return real([arguments[0], "-c", code, str(tmp_path)], **options)
 
     monkeypatch.setattr(worker_pool.subprocess, "Popen", fragile)
@@ -446,7 +449,7 @@ def test_a_process_that_dies_takes_nobody_along(tmp_path, monkeypatch):
         "b": "b",
         "c": "c",
         "dies once": "dies once",
-        "dies": "the process that estimated it ended 2 times: SIGKILL",
+        "dies": f"the process that estimated it ended 2 times: {'signal 40' if number == 40 else 'SIGKILL'}",
     }
     assert not outcomes["dies"].final
 

@@ -21,6 +21,7 @@ from estimator.app.place import RESULT, Place
 from estimator.cases.case import Case
 from estimator.cases.strict_toml import CASE_SUFFIX
 from estimator.errors import InputError
+from estimator.fmus.process import signal_name
 
 MOST_POINTS = 400  # of the history that the page draws
 PATIENCE = 15.0  # s that a run may take to stop before it is killed
@@ -159,9 +160,7 @@ def _ending(status: int) -> str:
     """Say how a process ended that said nothing."""
     if status >= 0:
         return f"the process ended with status {status} and said nothing"
-    with contextlib.suppress(ValueError):
-        return f"the process was killed ({signal.Signals(-status).name})"
-    return f"the process was killed (signal {-status})"
+    return f"the process was killed ({signal_name(-status)})"
 
 
 class Runs:

@@ -9,7 +9,6 @@ import contextlib
 import os
 import pickle
 import queue
-import signal
 import subprocess
 import sys
 import threading
@@ -17,6 +16,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from estimator.batches.case_worker import DEBUG, Outcome, Task, failed
+from estimator.fmus.process import signal_name
 
 TRIES = 2
 Answer = tuple[Task, Outcome] | BaseException | None  # None: this case worker has no more to do
@@ -98,7 +98,7 @@ class _Owner:
             except (OSError, EOFError, pickle.UnpicklingError):
                 process.kill()
                 code = process.wait()
-                how = signal.Signals(-code).name if code < 0 else f"exit status {code}"
+                how = signal_name(-code) if code < 0 else f"exit status {code}"
                 self._end()
         return failed(task, f"the process that estimated it ended {TRIES} times: {how}")
 

@@ -103,8 +103,13 @@ class Process:
 def how_it_ended(code: int) -> str:
     """Say how a process ended, from its exit code."""
     if code < 0:
-        try:
-            return f"the FMU crashed ({signal.Signals(-code).name})"
-        except ValueError:
-            return f"the FMU crashed (signal {-code})"
+        return f"the FMU crashed ({signal_name(-code)})"
     return f"the FMU ended its process (exit status {code})"
+
+
+def signal_name(number: int) -> str:
+    """Return what a signal is called; most real-time ones have no name."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
