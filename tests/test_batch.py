@@ -157,6 +157,21 @@ def test_a_report_is_made_on_demand_of_one_case_and_stays(cases, tmp_path):
         with_reports(cases, ["line[m9]"])
 
 
+def test_a_table_of_starts_that_has_changed_is_run_again_and_one_that_has_moved_is_not(tmp_path):
+    """What the table held did not count, and where it lay did."""
+    (tmp_path / "line").mkdir()
+    (tmp_path / "line" / "run.csv").write_text("time,voltage,current,speed\n")
+    (tmp_path / "line" / "starts.csv").write_text("R,K\n3,0.05\n")
+    case = tmp_path / "line" / "motor.case.toml"
+    case.write_text('[[recording]]\nfile = "run.csv"\n[search]\nstarts = "starts.csv"\n')
+    run_batch(gather([case]), tmp_path / "out", made_up)
+    (tmp_path / "line").rename(tmp_path / "moved")
+    moved = gather([tmp_path / "moved" / "motor.case.toml"])
+    assert run_batch(moved, tmp_path / "out", made_up, resume=True).kept == 1
+    (tmp_path / "moved" / "starts.csv").write_text("R,K\n4,0.05\n")
+    assert run_batch(moved, tmp_path / "out", made_up, resume=True).kept == 0
+
+
 def test_what_has_changed_since_is_run_again(cases, tmp_path):
     folder = tmp_path / "line"
     run_batch(cases, tmp_path / "out", made_up)

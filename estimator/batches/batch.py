@@ -240,7 +240,7 @@ def last_line(result: BatchResult, *, table: Path) -> str:
 
 
 class Digests:
-    """What went into a case, as one number: the case, its recordings' and its FMU's content, not where they lie."""
+    """What went into a case, as one number: the case, and the content of its files, not where they lie."""
 
     def __init__(self) -> None:
         self._of_file: dict[Path, str] = {}
@@ -252,6 +252,7 @@ class Digests:
         if self._said is None or self._said[0] is not case:
             self._said = case, _said_by(case)
         content = [self._file(Path(case.fmu)) if Path(case.fmu).is_absolute() else case.fmu]
+        content += [self._file(Path(start)) for start in case.search.starts if isinstance(start, str)]
         if task.drawn is None:
             content += [self._file(file) for file in case.recordings]
         else:
@@ -268,7 +269,9 @@ class Digests:
 
 
 def _said_by(case: Case) -> str:
-    """Return what a case says, and the names of its recordings."""
+    """Return what a case says, and the names of its recordings and of its tables of starts."""
+    named = tuple(Path(start).name if isinstance(start, str) else start for start in case.search.starts)
+    case = replace(case, search=replace(case.search, starts=named))
     own = [f"{f.name}={getattr(case, f.name)!r}" for f in fields(case) if f.name not in ("path", "fmu", "recordings")]
     return f"{own!r}, {[file.name for file in case.recordings]!r}"
 
