@@ -113,6 +113,8 @@ def fails(capsys, *arguments: str, status: int = 2) -> str:
         ("estimate --fixx=L=1 x", "unrecognized arguments: --fixx; did you mean '--fix'?"),
         ("--verson", "unrecognized arguments: --verson; did you mean '--version'?"),
         ("estimate x --fix L", "argument --fix: 'L' is not NAME=VALUE, such as L=0.013"),
+        ("estimate x --column v", "argument --column: 'v' is not NAME=TEXT, such as v=U1"),
+        ("estimate x --unit w", "argument --unit: 'w' is not NAME=TEXT, such as w=rpm"),
         ("estimate x --fix =1", "argument --fix: '=1' is not NAME=VALUE, such as L=0.013"),
         ("estimate x --fix L=a", "argument --fix: 'a' in 'L=a' is not a number"),
         ("estimate x --fix L=nan", "argument --fix: 'nan' in 'L=nan' is not a number"),

@@ -137,6 +137,20 @@ def test_what_could_not_be_guessed_is_marked(folder, capsys):
     assert "# Columns of the recording that are not used: channel 1" in text
 
 
+def test_the_word_of_the_mark_in_a_description_is_nothing_to_fill_in(folder, capsys):
+    fmu = foreign_fmu(folder / "remarked", change=[('name="motor.La"', 'name="motor.La" description="TODO: measure"')])
+    assert main(["init", str(fmu), str(folder / "step.csv"), "-o", str(folder / "remarked.case.toml")]) == 0
+    assert capsys.readouterr().out == f"{folder / 'remarked.case.toml'}\n"
+
+
+@pytest.mark.parametrize("fmu", ["dc_motor", "foreign.fmu"])
+def test_a_recording_in_the_place_of_the_fmu_is_told(fmu, folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    assert main(["init", "step.csv", fmu]) == 2
+    sentence = f"{fmu} is an FMU; init takes it first: fmu-estimator init {fmu} step.csv"
+    assert capsys.readouterr().err == f"fmu-estimator: {sentence}\n"
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

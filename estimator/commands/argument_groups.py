@@ -49,14 +49,14 @@ def add_reading(add: Callable[..., Any]) -> None:
     """Add the options that say how a file is to be read; they win over its header."""
     add(
         "--column",
-        type=text_assignment,
+        type=text_assignment("v=U1"),
         metavar="SIGNAL=COLUMN",
         help="which column is v, i, w, angle, load or time, by name or number; repeatable",
         **REPEATABLE,
     )
     add(
         "--unit",
-        type=text_assignment,
+        type=text_assignment("w=rpm"),
         metavar="NAME=UNIT",
         help="unit of a column, or of v, i, w, …, time: --unit w=rpm --unit time=ms; repeatable",
         **REPEATABLE,

@@ -27,12 +27,16 @@ def start(text: str) -> dict[str, float] | str:
     return dict(assignment(part) for part in text.split(","))
 
 
-def text_assignment(text: str) -> tuple[str, str]:
-    """Read ``NAME=TEXT``."""
-    name, equals, value = text.partition("=")
-    if not name.strip() or not value.strip():
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=TEXT, such as w=rpm")
-    return name.strip(), value.strip()
+def text_assignment(example: str) -> Callable[[str], tuple[str, str]]:
+    """Return what reads ``NAME=TEXT``, such as the example."""
+
+    def read(text: str) -> tuple[str, str]:
+        name, _, value = text.partition("=")
+        if not name.strip() or not value.strip():
+            raise argparse.ArgumentTypeError(f"{text!r} is not NAME=TEXT, such as {example}")
+        return name.strip(), value.strip()
+
+    return read
 
 
 def share(text: str) -> float:
@@ -49,14 +53,6 @@ def percentage(text: str) -> float:
     if value < 0:
         raise argparse.ArgumentTypeError(f"{text!r} is below zero; give a percentage such as 2")
     return value
-
-
-def said(text: str) -> tuple[str, str]:
-    """Read ``NAME=TEXT``."""
-    name, equals, value = text.partition("=")
-    if not name.strip() or not equals or not value.strip():
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=TEXT, such as motor='CML-050 No. 3'")
-    return name.strip(), value.strip()
 
 
 def named_text(text: str) -> tuple[str, str]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import time
 from pathlib import Path
 
 from estimator.cases.strict_toml import CASE_SUFFIX
-from estimator.commands.terminal import FAILED, OK, columns, complain, say, say_lines
+from estimator.commands.terminal import FAILED, OK, PROGRAM, columns, complain, say, say_lines
 from estimator.errors import InputError
 from estimator.output import OutputFolder, check_not_read, write_files
 
@@ -37,11 +38,12 @@ def inspect(args: argparse.Namespace) -> int:
 
 def init(args: argparse.Namespace) -> int:
     """Guess a case file and give its text."""
-    from estimator.cases.init_case import case_text
+    from estimator.cases.init_case import MARK, case_text
     from estimator.commands.options import reading_of
     from estimator.fmus.fmu import describe
     from estimator.recordings.files import recordings_in
 
+    _check_order(args.fmu, args.recording)
     output = Path(args.output) if args.output else None
     if output is not None and not output.name.endswith(CASE_SUFFIX):
         raise InputError(f"{output}: the name of a case file ends in {CASE_SUFFIX}; give -o {output.stem}{CASE_SUFFIX}")
@@ -55,9 +57,17 @@ def init(args: argparse.Namespace) -> int:
         say(text)
         return OK
     write_files({output: text.encode()})
-    marks = text.count("TODO") - 1
+    marks = text.count(MARK) - 1  # its first lines say what the mark means
     say(f"{output}" + (f": {marks} thing{'s' if marks != 1 else ''} to fill in, marked TODO\n" if marks else "\n"))
     return OK
+
+
+def _check_order(fmu: str, recording: str) -> None:
+    """Refuse a recording in the place of the FMU, and an FMU in that of the recording."""
+    from fmu_build import bundled_names
+
+    if recording.endswith(".fmu") or (recording in bundled_names() and not Path(recording).exists()):
+        raise InputError(f"{recording} is an FMU; init takes it first: {shlex.join([PROGRAM, 'init', recording, fmu])}")
 
 
 def new_model(args: argparse.Namespace) -> int:

@@ -12,9 +12,9 @@ from estimator.commands.argument_values import (
     case_file,
     named_text,
     path,
-    said,
     start,
     temperature,
+    text_assignment,
     whole,
     window,
 )
@@ -134,7 +134,7 @@ Exit status: 0 an estimate, ok or doubtful; 1 refused or failed; 2 bad input."""
     )
     add(
         "--about",
-        type=said,
+        type=text_assignment("motor='CML-050 No. 3'"),
         metavar="NAME=TEXT",
         help="for the head of the report: motor, operator, date, …; repeatable",
         **REPEATABLE,
