@@ -2,7 +2,7 @@
 
     python benchmarks/combined.py --seeds 0:60 --out dev.jsonl --jobs 2         resumes; then prints the table
     python benchmarks/combined.py --seeds 0:1000 --out dev.jsonl --only dry_friction
-    python benchmarks/combined.py --set good --seeds 0:100 --out good.jsonl     also: lag, machine
+    python benchmarks/combined.py --set good --seeds 0:100 --out good.jsonl     also: lag, machine, alone
     python benchmarks/combined.py --seeds 0:1000 --only current_lag --without-effect NAME --out without.jsonl
     python benchmarks/combined.py --table dev.jsonl good.jsonl
 
@@ -34,7 +34,7 @@ from typing import Any
 import numpy as np
 import psutil
 from emulated_bench import MOTOR, Bench, write
-from emulated_effects import draw
+from emulated_effects import EMULATED_EFFECTS, draw
 from exact_effects import ExactEffects
 
 TIME_LIMIT = 120.0  # s of processor time; ten times as long by the clock
@@ -49,7 +49,7 @@ MACHINE = {  # effect → words, one of which names it
     "current_limit": ("limit",),
     "sag": ("sag", "supply", "source"),
 }
-SETS = ("random", "good", "lag", "machine")
+SETS = ("random", "good", "lag", "machine", "alone")
 Line = dict[str, Any]
 
 
@@ -62,7 +62,18 @@ def bench_of(kind: str, seed: int) -> Bench:
         return draw(seed, effects=("current_lag",), excitation=excitation, sizes={"tau_i": lag})
     if kind == "machine":
         return draw(seed, effects=(list(MACHINE)[seed % 4],), excitation=LAG_EXCITATIONS[1 + seed // 4 % 3])
+    if kind == "alone":
+        return alone(list(EMULATED_EFFECTS)[seed % len(EMULATED_EFFECTS)], seed)
     return draw(seed)
+
+
+def alone(effect: str, seed: int) -> Bench:
+    """Return a bench with one effect, in an excitation that has it; of runs that differ there are several."""
+    if effect == "runs_differ":
+        return next(b for k in range(1000) if len((b := draw(1000 * seed + k, effects=(effect,))).recordings) > 1)
+    fit = {"open_circuit": ("coasting", "zero"), "command_latency": LAG_EXCITATIONS}
+    some = fit.get(effect, (*LAG_EXCITATIONS, "staircase", "prbs"))
+    return draw(seed, effects=(effect,), excitation=some[seed // len(EMULATED_EFFECTS) % len(some)])
 
 
 @functools.cache

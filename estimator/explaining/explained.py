@@ -29,6 +29,7 @@ from estimator.explaining.findings import (
     found_effects,
     not_visible,
     rival_in_words,
+    too_seldom,
     varying_parameters,
 )
 from estimator.explaining.incoherent_noise import quieted_again, quieted_at_sight
@@ -38,6 +39,7 @@ from estimator.explaining.noise_of_all_rows import by_all_rows
 from estimator.explaining.open_circuits import OwnVoltage, with_open_circuits
 from estimator.explaining.parameter_drift import drift_variances
 from estimator.explaining.profile_widths import further_reach
+from estimator.explaining.rarity import seldom_together
 from estimator.explaining.rivals import settled, simulated_finely
 from estimator.explaining.selection import Selection
 from estimator.explaining.selection_of_plan import may_be_replaced, selection_of
@@ -378,6 +380,7 @@ def _explained(
             *changed,
             *found_effects(explanation, plan),
             *varying_parameters(between, plan),
+            *too_seldom(seldom_together(explanation, errors[:p] / np.where(log[:p], np.abs(values[:p]), 1.0))),
         ),
         rivals=tuple(rival_in_words(told, explanation, other_way) for told in mean.rivals),
         not_visible=not_visible(mean.hidden, plan.names, values[:p], errors[:p], log[:p]),

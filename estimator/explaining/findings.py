@@ -67,6 +67,20 @@ def found_effects(explanation: Explanation, plan: Plan) -> list[Found]:
     return found
 
 
+def too_seldom(effects: Sequence[str]) -> list[Found]:
+    """Return what is found of effects that hardly any bench has together, and the parameters rest on; of none nothing.
+
+    It is a reason for doubt alone: they are reported already.
+    """
+    if not effects:
+        return []
+    told = f"the estimate rests on {', '.join(effects[:-1])} and {effects[-1]}, which hardly any bench has together"
+    return [
+        Found("seldom together", "", told, "something that is not known here may look like them; record other levels"
+              " of the voltage, or declare what is known of the bench")
+    ]  # fmt: skip
+
+
 def varying_parameters(between: BetweenRuns, plan: Plan) -> list[Found]:
     """Return the parameters that vary between the recordings in words."""
     runs = [o.recording.name for o in plan.observed]
