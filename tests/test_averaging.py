@@ -159,6 +159,7 @@ def test_a_rival_that_differs_by_less_than_a_thousandth_is_in_the_bars_and_no_do
             values=np.array(values), names=plan.names,
             at_bound=np.zeros(2, dtype=int), cost=0.0, covariance_parts=lambda: (covariance, 0 * covariance),
             covariance=lambda: covariance, is_log=np.ones(2, dtype=bool), estimates=np.log(values),
+            whitener=SimpleNamespace(log_shared=0.0),
         )  # fmt: skip
         return Explanation(fit, (Addition(Effect(name), name, 1, 0.0),))
 

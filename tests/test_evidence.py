@@ -20,6 +20,7 @@ def explanation_of(y, columns, names, added):
         cost=float(left @ left), names=names, at_bound=np.zeros(len(names), dtype=int),
         estimates=covariance @ columns.T @ y, is_log=np.zeros(len(names), dtype=bool),
         covariance_parts=lambda: (covariance, 0 * covariance), simulator=SimpleNamespace(nuisances=(), neutral={}),
+        whitener=SimpleNamespace(log_shared=0.0),
     )  # fmt: skip
     return Explanation(fit, tuple(added))
 

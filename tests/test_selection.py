@@ -13,7 +13,10 @@ from estimator.explaining.selection import Selection
 
 COSTS = {"abc": 100.0, "bc": 101.0, "ac": 1100.0, "ab": 1100.0, "b": 1102.0, "c": 1102.0, "a": 2100.0, "": 3000.0}
 UNLIMITED = SimpleNamespace(is_spent=lambda **part: False)
-FREE = {"names": ("R",), "at_bound": (0,), "linear": (), "simulator": SimpleNamespace(nuisances=())}
+FREE = {
+    "names": ("R",), "at_bound": (0,), "linear": (), "simulator": SimpleNamespace(nuisances=()),
+    "whitener": SimpleNamespace(log_shared=0.0),
+}  # fmt: skip
 
 
 def test_what_is_idle_is_told_by_the_noise_of_the_whole_explanation(monkeypatch):
@@ -71,12 +74,12 @@ def test_a_rival_that_is_likelier_by_another_noise_than_its_own_takes_no_place(m
     costs = {"a": 100.0, "b": 90.0}
 
     def of(name, noise, size):
-        fit = SimpleNamespace(cost=costs[name] + noise, whitener=WhitenerOf(size), **FREE)
+        fit = SimpleNamespace(cost=costs[name] + noise, **(FREE | {"whitener": WhitenerOf(size)}))
         return Explanation(fit, (Addition(EFFECTS[0], name, 1, 1.0),))
 
     class WhitenerOf:
         def __init__(self, log_size):
-            self.log_size, self.present = log_size, np.ones((3, 2), dtype=bool)
+            self.log_size, self.present, self.log_shared = log_size, np.ones((3, 2), dtype=bool), 0.0
 
         def __call__(self, columns):
             return columns, self.log_size
@@ -119,11 +122,11 @@ def test_what_explains_more_beside_an_explanation_takes_its_place(monkeypatch):
     costs = {"a": 100.0, "ab": 50.0}
 
     def of(names):
-        fit = SimpleNamespace(cost=costs[names], whitener=WHITENER, **FREE)
+        fit = SimpleNamespace(cost=costs[names], **(FREE | {"whitener": WHITENER}))
         return Explanation(fit, tuple(Addition(EFFECTS[0], name, 1, 1.0) for name in names))
 
     class Whitener:
-        present = np.ones((3, 2), dtype=bool)
+        present, log_shared = np.ones((3, 2), dtype=bool), 0.0
 
         def __call__(self, columns):
             return columns, 0.0

@@ -43,13 +43,22 @@ class Explanation:
         return all(is_physical(self.fit, a) for a in self.additions)
 
     def criterion(self, samples: int, excess: float = 1.0) -> float:
-        """Return the criterion, 1: z'z and the penalties, these as many times as `excess` says, of so many samples."""
-        return self.fit.cost + excess * sum(a.penalty(samples) for a in self.additions)
+        """Return the criterion, 1: z'z and the penalties, these as many times as `excess` says, of so many samples.
+
+        Of columns whose form is not known the errors are charged, too: without, the less is known the less is missed.
+        """
+        return self.missed + excess * sum(a.penalty(samples) for a in self.additions)
+
+    @property
+    def missed(self) -> float:
+        """-2 log L by the noise, 1, up to what all explanations by the same noise have."""
+        return self.fit.cost + self.fit.whitener.log_shared
 
     def misfit(self, samples: int) -> float:
         """Return -2 log L by its own noise and the penalties, 1: explanations by noises that differ compare by it."""
         whitener = self.fit.whitener
-        return self.criterion(samples, self.excess(samples)) + whitener(np.zeros((*whitener.present.shape, 1)))[1]
+        logs = whitener(np.zeros((*whitener.present.shape, 1)))[1] - whitener.log_shared
+        return self.criterion(samples, self.excess(samples)) + logs
 
     def excess(self, samples: int) -> float:
         """Return z'z a sample, 1: what is missed over what the noise would leave; at least 1.
@@ -83,7 +92,7 @@ class Explanation:
             charge = float(np.linalg.slogdet(np.eye(len(s)) + told * np.outer(s, s))[1])
         unknown = sum(a.numbers for a in self.additions if a.linear is not None and a.name not in sizes)
         priors = sum(2 * float(np.log(a.tried / a.prior)) for a in self.additions)
-        return fit.cost + charge + priors + self._unusual(), unknown
+        return self.missed + charge + priors + self._unusual(), unknown
 
     def _unusual(self) -> float:
         """Return -2 log of the prior of the sizes that were found, over that of small ones: Cauchy's (Jeffreys 1961).

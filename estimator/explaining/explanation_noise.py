@@ -35,6 +35,7 @@ BoolArray = NDArray[np.bool_]
 RESPONSE = 4096  # samples of a filter's response to an impulse
 ONE_RATE = 0.01  # parts by which sampling intervals may differ: a filter's colour is of one
 LEAST_PART = 1e-5  # of the most that an output misses, each by its spread: less is lost in differences of simulations
+LOST = 0.25  # of -2 log L a sample: a noise by which it is larger by as much is not that of the recordings
 QUIET = 0.1  # of the first estimate of the deviation: the noise is taken to be no less
 
 
@@ -102,8 +103,16 @@ def with_noise(
     fit = solved(held_down(refreshed(fit, whitener.of(found)), windows.onsets))
     told = dataclasses.replace(explanation, fit=fit)
     if settles and any(group.uncertain is not None for group in fit.linear):  # what their form is, the noise tells
-        return with_noise(told, differenced, colour=colour, again=True, moving=moving, settles=False)
+        told = with_noise(told, differenced, colour=colour, again=True, moving=moving, settles=False)
+    if again and settles and _unlikelihood(told.fit) - _unlikelihood(explanation.fit) > LOST * s.measured.size:
+        return explanation  # settled rows hardly tell how noise grows: all of them tell that it was better known
     return told
+
+
+def _unlikelihood(fit: Fit) -> float:
+    """Return -2 log L of a fit by its own noise, up to a constant."""
+    whitener = fit.whitener
+    return fit.cost + whitener(np.zeros((*whitener.present.shape, 1)))[1]
 
 
 def _colours_of_filters(plan: Plan) -> list[Colours]:

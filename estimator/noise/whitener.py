@@ -92,6 +92,11 @@ class Whitener:
         root = np.sqrt(1 + np.maximum(sizes, 0.0))
         return f, (axes / (root * (1 + root))) @ axes.T, float(2 * np.sum(np.log(root)))
 
+    @property
+    def log_shared(self) -> float:
+        """By how much shared errors raise the logarithm of the covariance's determinant, 1."""
+        return 0.0 if self._shared is None else self._shared[2]
+
     def by_noise_alone(self, white: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return whitened columns, (rows q, c), as if no errors were shared, and these as columns, (rows q, k).
 
