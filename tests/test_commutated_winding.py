@@ -3,6 +3,7 @@
 The truth is a motor with R (1 + a cos(n angle + phase)), solved by scipy with a tight tolerance.
 """
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -116,6 +117,9 @@ def test_errors_that_samples_share_are_whitened_as_their_covariance_says():
     measured = y.ravel()[there]
     assert float(np.vdot(white, white)) == pytest.approx(measured @ np.linalg.solve(covariance, measured))
     assert logs == pytest.approx(np.linalg.slogdet(covariance)[1])
+    own = 2 * np.log(np.tile([0.3, 2.0], n)[there]).sum()
+    assert whitener.log_shared == pytest.approx(logs - own)
+    assert dataclasses.replace(whitener, shared=None).log_shared == 0.0
     some, whole = whitener.of_rows(y[10:20, :, None], slice(10, 20)), np.zeros((n, q, 1))
     whole[10:20] = y[10:20, :, None]
     np.testing.assert_allclose(some[1][:, 0], whitener(whole)[0].ravel()[some[0].start * q :][: len(some[1])])

@@ -58,3 +58,12 @@ def test_a_number_of_no_known_size_is_charged_as_by_the_criterion():
     addition = Addition(Effect("ripple", prior=0.5), "ripple", 1, 0.0, linear=line)
     found = explanation_of(y, columns, ("a", "ripple"), (addition,))
     assert found.evidence(100) == pytest.approx(found.criterion(100))
+
+
+def test_what_is_not_known_of_a_form_is_charged():
+    """Errors of a form take in what it leaves, the more the less of it is known: without a charge no form is best."""
+    y, columns = np.arange(6.0), np.ones((6, 1))
+    known, unknown = (explanation_of(y, columns, ("a",), ()) for _ in range(2))
+    unknown.fit.whitener.log_shared = 3.0
+    for charged in (Explanation.criterion, Explanation.evidence):
+        assert charged(unknown, 6) - charged(known, 6) == pytest.approx(3.0)
