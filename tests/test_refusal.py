@@ -194,6 +194,18 @@ def test_a_rectified_current_at_rest(case_of, good):
     refused(case_of, made(good[0], noisy, noise=(0, 0)), "never negative in 300 samples")
 
 
+def test_an_offset_of_few_digits_is_no_rectified_current(case_of, good):
+    """Of 0.2 A beside a noise of 0.1 A, printed by tenths: in whole steps the median's distances are as of folded."""
+    noise = np.random.default_rng(3).standard_normal(good[1].shape) * [0.09, 1.0]
+    noise[:300, 0] = np.abs(noise[:300, 0] + 0.2)  # none of them is below zero
+    shown = good[1] + noise
+    shown[:, 0] = np.round(shown[:, 0], 1)
+    plan = plan_case(case_of(), describe(case_of().fmu), recordings=[made(good[0], shown, noise=(0, 0))])
+    rest = shown[:300, 0]
+    assert rest.min() >= 0 and np.median(rest) < 2.5 * np.median(np.abs(rest - np.median(rest)))
+    assert [lost_signs(o) for o in plan.observed] == [[]]
+
+
 @pytest.mark.parametrize(("column", "what"), [(0, "current"), (1, "speed")])
 def test_a_sign_that_contradicts_the_voltage(case_of, good, column, what):
     shown = good[1].copy()

@@ -15,6 +15,7 @@ FloatArray = NDArray[np.float64]
 BRAKES = 12  # samples before a voltage falls to none in which the current has settled, and in which it brakes
 FOLDED = 2.5  # times the usual distance from the median is that of noise that was rectified, 1.7, at most
 RECTIFIED = 50  # samples at rest that show a lost sign
+MEAN_OF_FOLDED, BY_CHANCE = float(np.sqrt(2 / (np.pi - 2))), 4.0  # deviations: the mean of such noise; its own, at most
 PLAINLY_DRIVEN = 0.2  # of the largest voltage
 REVERSED = 10  # rows in each direction: fewer are a spike while a current decays, or a relay that bounces
 PARTS, SETTLED, RUNS = 8, 0.05, 0.1  # of a level, two of which are alike; of the largest speed: a change, a motion
@@ -109,7 +110,7 @@ def _of_current(o: Observed) -> list[str]:
         above = rest[rest > 0]
         middle = median(above) if len(above) else 0.0
         is_folded = middle < FOLDED * median(np.abs(above - middle)) if len(above) else False
-        if np.min(rest) >= 0 and len(above) > 0.9 * len(rest) and is_folded:
+        if np.min(rest) >= 0 and len(above) > 0.9 * len(rest) and is_folded and not _is_offset(rest):
             return [
                 Reason(
                     f"{o.recording.title}: the current at rest is never negative in {len(rest)} samples, with a mean of"
@@ -133,3 +134,13 @@ def _rises_as_it_brakes(v: FloatArray, i: FloatArray, plainly: float, noise: flo
         if rise > max(8 * noise, float(np.max(before)), 4 * float(np.ptp(before))):
             return k
     return 0
+
+
+def _is_offset(rest: FloatArray) -> bool:
+    """Whether noise that is never negative, (n,), has a mean farther from zero than rectified noise would have.
+
+    Of few digits the median's distances are whole steps, and tell less.
+    """
+    mean, deviation = float(np.mean(rest)), float(np.std(rest))
+    error = np.sqrt((1 + MEAN_OF_FOLDED**2 / 2) / len(rest))  # of a mean in deviations
+    return mean > (MEAN_OF_FOLDED + BY_CHANCE * error) * deviation
