@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from estimator.recordings.differenced_counts import as_counted, counts_a_turn, is_made_up_for
+from estimator.recordings.differenced_counts import (
+    as_counted,
+    counts_a_turn,
+    counts_of_uneven_rows,
+    is_made_up_for,
+)
 from estimator.recordings.quantum import quantum
 
 INTERVAL = 1e-3
@@ -99,3 +104,30 @@ def test_few_levels_that_are_printed_with_few_digits_tell_the_counts(counts, dig
     shown = step * np.random.default_rng(1).integers(-3, 14, 2000)
     printed = np.array([float(f"{w:.{digits}g}") for w in shown])
     assert counts_a_turn([printed], [1e-3]) == counts
+
+
+def by_loops(w, counts, seed, *, jitter=0.05):
+    """Return when a loop that jitters ran, printed to a microsecond, and the counts of each round over its time."""
+    rng = np.random.default_rng(seed)
+    time = np.round(np.cumsum(INTERVAL * (1 + jitter * rng.uniform(-1, 1, len(w)))), 6)
+    angle = np.concatenate([[0.0], np.cumsum(w[1:] * np.diff(time))]) * counts / (2 * np.pi) + rng.random()
+    shown = np.zeros(len(time))
+    shown[1:] = np.diff(np.floor(angle)) * 2 * np.pi / counts / np.diff(time)
+    return time, shown
+
+
+@pytest.mark.parametrize("counts", [48, 484, 2000, 16384])
+def test_counts_are_told_of_a_loop_that_jitters_and_divides_by_its_own_time(counts):
+    """They were taken for a low-pass of the speed, and L's bar was a hundred times as wide."""
+    for seed in range(3):
+        time, shown = by_loops(speed(seed), counts, seed)
+        assert counts_of_uneven_rows(np.round(shown, 4), time) == counts
+        shown[100] = np.nan
+        assert counts_of_uneven_rows(shown, time) == counts
+
+
+def test_a_speed_by_another_sensor_is_no_counts_of_uneven_rows():
+    for seed in range(20):
+        time, _ = by_loops(speed(seed), 500, seed)
+        assert counts_of_uneven_rows(np.round(speed(seed), 2), time) == 0.0
+    assert counts_of_uneven_rows(np.zeros(50), np.arange(50.0)) == 0.0

@@ -143,4 +143,4 @@ def _is_offset(rest: FloatArray) -> bool:
     """
     mean, deviation = float(np.mean(rest)), float(np.std(rest))
     error = np.sqrt((1 + MEAN_OF_FOLDED**2 / 2) / len(rest))  # of a mean in deviations
-    return mean > (MEAN_OF_FOLDED + BY_CHANCE * error) * deviation
+    return bool(mean > (MEAN_OF_FOLDED + BY_CHANCE * error) * deviation)

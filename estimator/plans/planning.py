@@ -21,7 +21,7 @@ from estimator.plans.observing import check_delay, observe, within
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import ChainSpec, Observed, Plan
 from estimator.plans.reading import with_reading, without_clipped, without_hidden_speeds
-from estimator.recordings.differenced_counts import as_counted, counts_a_turn
+from estimator.recordings.differenced_counts import as_counted, counts_a_turn, counts_of_uneven_rows
 from estimator.recordings.files import recordings_in
 from estimator.recordings.filters import MAX_SECTIONS, filter_sections
 from estimator.recordings.implausible_units import SIZES
@@ -181,8 +181,7 @@ def _sensors(binding: Binding, observed: tuple[Observed, ...]) -> tuple[dict[str
         is_open = spec.sensor == "auto" and spec.filter is None and spec.both is None
         counts = 0.0
         if is_open and name == "w" and binding.integral("w") is not None:
-            steps = [o.recording.step for o in observed]
-            counts = counts_a_turn([o.outputs["w"] for o in observed], steps)
+            counts = _counts_of(observed)
             if counts > 0:
                 observed = tuple(_counted(o, counts) for o in observed)
         sensors[name] = layout.MEAN if counts > 0 or spec.sensor == "mean" else layout.IDENTITY
@@ -190,7 +189,17 @@ def _sensors(binding: Binding, observed: tuple[Observed, ...]) -> tuple[dict[str
     return sensors, observed
 
 
+def _counts_of(observed: tuple[Observed, ...]) -> float:
+    """Return the counts a turn of the encoder whose differenced counts the speeds are; 0: they are none."""
+    if all(o.recording.even for o in observed):
+        return counts_a_turn([o.outputs["w"] for o in observed], [o.recording.step for o in observed])
+    found = {counts_of_uneven_rows(o.outputs["w"], o.recording.time) for o in observed}
+    return found.pop() if len(found) == 1 else 0.0
+
+
 def _counted(o: Observed, counts: float) -> Observed:
+    if not o.recording.even:
+        return o  # each row has a step of its own
     return replace(o, outputs={**o.outputs, "w": as_counted(o.outputs["w"], o.recording.step, counts)})
 
 

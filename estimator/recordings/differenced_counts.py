@@ -23,6 +23,9 @@ EXACT, HALF = 1e-4, 0.51  # of a step: all digits are there, of single precision
 MADE_UP, MADE_UP_ROWS = 0.8, 300  # a ratio of variances; rows that tell it to a tenth
 EDGE = 16.0  # counts: a larger difference is no noise
 BINOMIAL = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+NEARLY_WHOLE = 0.02  # counts: a speed that is printed with four digits more is off by less
+TOLD_ROWS, MOST_ROWS = 12, 1000  # that tell counts of rows of their own intervals: 1e6 numbers pass by (2 * 0.02)^12
+AT_ONCE = 20_000  # numbers that are tried
 FEW_COUNTS = 10  # noise of such a speed, in its steps: more noise was measured otherwise, and printed to 0.1 rpm
 
 
@@ -53,6 +56,34 @@ def counts_a_turn(speeds: Sequence[FloatArray], intervals: Sequence[float]) -> f
         return float(whole[0])
     turned = [w * interval * whole.mean() / (2 * np.pi) for w, interval in zip(speeds, intervals, strict=True)]
     return float(whole.mean()) if all(is_made_up_for(counts) for counts in turned) else 0.0
+
+
+def counts_of_uneven_rows(w: FloatArray, time: FloatArray) -> float:
+    """Return the counts a turn of an encoder, of whose counts over each row's own interval a speed is; 0: of none.
+
+    As a loop tells it that divides the counts since its last round by the time since then, and prints that time: the
+    least number by which all rows are whole counts. By chance another would be, once in 1e10 recordings.
+
+    Parameters
+    ----------
+    w, time : (n,) arrays
+        rad/s, NaN where a sample is missing; s.
+    """
+    turned = np.abs(w[1:]) * np.diff(time) / (2 * np.pi)
+    turned = turned[np.isfinite(turned) & (turned > 0)]
+    if len(turned) < TOLD_ROWS or len(np.unique(w)) < TOLD_ROWS:
+        return 0.0
+    few, many = turned[:: len(turned) // TOLD_ROWS], turned[:: max(1, len(turned) // MOST_ROWS)]
+    for first in np.arange(*COUNTS, AT_ONCE):
+        whole = np.arange(first, min(first + AT_ONCE, COUNTS[1]))
+        for some in (few, many):
+            counts = some[:, None] * whole
+            whole = whole[np.max(np.abs(counts - np.rint(counts)), axis=0) < NEARLY_WHOLE]
+        beside = whole[whole < 1.5 * np.min(whole, initial=np.inf)]  # of few counts a row one more a turn is as near
+        if len(beside):
+            counts = many[:, None] * beside
+            return float(beside[np.argmin(np.sum((counts - np.rint(counts)) ** 2, axis=0))])
+    return 0.0
 
 
 def _step_between(w: FloatArray) -> tuple[float, float]:
