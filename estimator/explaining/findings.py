@@ -67,14 +67,15 @@ def found_effects(explanation: Explanation, plan: Plan) -> list[Found]:
     return found
 
 
-def too_seldom(effects: Sequence[str]) -> list[Found]:
+def too_seldom(additions: Sequence[Addition]) -> list[Found]:
     """Return what is found of effects that hardly any bench has together, and the parameters rest on; of none nothing.
 
     It is a reason for doubt alone: they are reported already.
     """
-    if not effects:
+    if not additions:
         return []
-    told = f"the estimate rests on {', '.join(effects[:-1])} and {effects[-1]}, which hardly any bench has together"
+    *others, last = (_called(a) for a in additions)
+    told = f"the estimate rests on {', '.join(others)} and {last}, which hardly any bench has together"
     return [
         Found("seldom together", "", told, "something that is not known here may look like them; record other levels"
               " of the voltage, or declare what is known of the bench")

@@ -24,21 +24,22 @@ MOVES = 4.0  # standard errors: a parameter rests on an effect without which it 
 TOO_SELDOM = 0.05  # of the prior probability of usual effects
 
 
-def seldom_together(explanation: Explanation, errors: FloatArray) -> Sequence[str]:
-    """Return the names of the effects that the parameters rest on, if these are too seldom together; else none.
+def seldom_together(explanation: Explanation, errors: FloatArray) -> Sequence[Addition]:
+    """Return the seldom effects that the parameters rest on, one addition each, if they are too seldom together.
 
     Parameters
     ----------
     errors : (p,) array
         Standard errors of the plan's parameters, on their scales.
     """
-    fit, parts = explanation.fit, dict[str, float]()
-    for a in (a for a in explanation.additions if not a.effect.is_line):
+    fit, found = explanation.fit, dict[str, Addition]()
+    for a in (a for a in explanation.additions if not a.effect.is_line and a.effect.prior < USUAL):
         moved = moves_without(fit, a, len(errors))
         with np.errstate(divide="ignore", invalid="ignore"):
             if moved is None or np.nanmax(np.abs(moved / errors), initial=0.0) > MOVES:
-                parts[a.effect.name] = float(np.clip(a.effect.prior, SELDOM, USUAL)) / USUAL
-    return list(parts) if np.prod(list(parts.values())) <= TOO_SELDOM * (1 + 1e-9) else []
+                found.setdefault(a.effect.name, a)
+    together = np.prod([max(a.effect.prior, SELDOM) / USUAL for a in found.values()])
+    return list(found.values()) if together <= TOO_SELDOM * (1 + 1e-9) else []
 
 
 def moves_without(fit: Fit, addition: Addition, parameters: int) -> FloatArray | None:
