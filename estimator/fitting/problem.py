@@ -52,6 +52,11 @@ class Problem:
         self._used = ~np.isnan(self._compared)
 
     @property
+    def steps_a_row(self) -> int:
+        """How many communication steps a row takes: several where an input goes on lines."""
+        return max(e.substeps for e in self._job.experiments)
+
+    @property
     def _compared(self) -> FloatArray:
         """What is compared, (rows, outputs), NaN where a sample is missing; not to be changed."""
         each = [o.compared for o in self.plan.observed]

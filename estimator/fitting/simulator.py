@@ -271,8 +271,8 @@ class Simulator:
         """Return the same, as the FMU tells it now."""
         filtered = self.filtered(candidates)
         if self.effort is not None:
-            between = self.between if filtered.any() else 0
-            self.effort.spend(len(candidates), self.rows * len(self.outputs), self.rows * between * refine)
+            a_row = self.problem.steps_a_row * (self.between if filtered.any() else 1) * refine
+            self.effort.spend(len(candidates), self.rows * len(self.outputs), self.rows * a_row if a_row > 1 else 0)
         alike = filtered.all() or not filtered.any()
         rows = self.between if filtered.any() else 1
         if alike and 0 < len(candidates) <= max(1, CELLS // (self.rows * rows)):

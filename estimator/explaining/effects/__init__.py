@@ -47,6 +47,7 @@ from estimator.explaining.effects.one_way import OneWay
 from estimator.explaining.effects.ripple import Ripple
 from estimator.explaining.effects.ripple_of_few_turns import Commutation, Eccentricity
 from estimator.explaining.effects.runs_differ import RunsDiffer
+from estimator.explaining.effects.scan import Scan
 from estimator.explaining.effects.slew_limit import SlewLimit
 from estimator.explaining.effects.slow_pwm import SlowPwm
 from estimator.explaining.effects.smoothing import Smoothing
@@ -68,6 +69,7 @@ from estimator.explaining.effects.voltage_within_rows import VoltageWithinRows
 EFFECTS: tuple[Effect, ...] = (
     Delay(),
     ChannelDelay(),
+    Scan(),
     *(LowPass(name=form, lateness=lateness) for form, (_, lateness, _) in FORMS.items()),
     ExponentialFilter(),
     Smoothing(),
