@@ -341,7 +341,8 @@ def test_rivals_stand_in_the_report_on_one_axis_over_the_estimate_and_in_json():
     assert told["what"] == "sag instead of a <dip>" and told["decided_by"] == "record two voltage levels"
     assert told["parameters"]["L"] == {"value": MOTOR["L"], "standard_error": None, "unit": "H"}
     assert (told["differs_in"], told["delta_criterion"], told["weight"]) == ("R", 3.5, 0.15)
-    assert "with R = 3.324 instead of 3.136; record two voltage levels" in rival().sentence()
+    assert "nearly as well, with R = 3.324 instead of 3.136; record two voltage levels" in rival().sentence()
+    assert "better, by the noise that was found, with R = 3.324" in rival(behind=-63.0).sentence()
     assert "Rivals" not in html_report(estimate()) and json.loads(result_json.to_json(estimate()))["rivals"] == []
 
 

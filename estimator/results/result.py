@@ -19,6 +19,7 @@ BoolArray = NDArray[np.bool_]
 Verdict = Literal["ok", "doubtful", "refused"]
 Status = Literal["ok", "doubtful", "not identified"]
 Bound = Literal["lower", "upper"]
+ALIKE = 2.0  # of the criterion: explanations that are no further apart are as likely
 
 
 @dataclass(frozen=True)
@@ -193,8 +194,9 @@ class Rival:
     def sentence(self) -> str:
         """Say what else would explain the recordings, and what it changes."""
         value = self.parameters[self.differs_in].value
+        well = "better, by the noise that was found" if self.behind < -ALIKE else "nearly as well"
         return (
-            f"{self.what} would explain the recording nearly as well, with {self.differs_in} = {value:.4g} instead of"
+            f"{self.what} would explain the recording {well}, with {self.differs_in} = {value:.4g} instead of"
             f" {self.estimated:.4g}; {self.decided_by}"
         )
 
