@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from estimator import estimate_parameters, recording_from_arrays
 from estimator.explaining.open_circuits import OwnVoltage, _first_of, open_rows
 from estimator.noise.clock import Clock
-from estimator.noise.noise_model import COASTS, NoiseModel, unwound
+from estimator.noise.noise_model import COASTS, WAYS, NoiseModel, unwound
 from estimator.noise.whitener import Whitener
 from estimator.recordings.signal_noise import input_noise, is_measured
 
@@ -170,8 +170,8 @@ def test_a_torque_that_wanders_is_whitened_with_the_circuit_closed_and_open():
     b = np.array([0.0, -1 / MOTOR["J"]])
     opens = np.arange(n) // 1500 % 2 == 1
     noise = dataclasses.replace(NoiseModel.plain(np.array([5e-3, 5e-2]), (0, 1)), machine=(a, b), torque=(2e-4, tau))
-    closed = noise.states(STEP, np.ones(2), 2)["transition"]
-    free = noise.states(STEP, np.ones(2), COASTS)["transition"]
+    closed = noise.states(np.array([STEP]), np.ones(2), np.array([2]), np.array([WAYS]))["transition"][0]
+    free = noise.states(np.array([STEP]), np.ones(2), np.array([COASTS]), np.array([WAYS]))["transition"][0]
     np.testing.assert_allclose(free[:2], unwound(a.tobytes(), b.tobytes(), STEP)[:2])
     x, shown, f = np.zeros(3), np.empty((n, 2)), np.exp(-STEP / tau)
     x[2] = 2e-4 * rng.standard_normal()

@@ -25,6 +25,7 @@ from estimator.motor.exponential import exponential
 from estimator.noise.level import Level
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 RESTS, STARTS, RUNS, COASTS = range(4)  # phases of the machine; without a circuit it coasts
@@ -120,59 +121,63 @@ class NoiseModel:
         return np.asarray(self.scale(level, moving) * np.sqrt(power))
 
     def states(
-        self, dt: float, running: FloatArray, phase: int, way: int = WAYS, *, begins: bool = True
+        self, dt: FloatArray, running: FloatArray, phase: IntArray, way: IntArray, *, first: int = 0
     ) -> dict[str, FloatArray]:
-        """Return the state space at a step in s: transition (d, d), process (d, d), start (d, d), readout (q, d).
+        """Return the state space over n steps: transition, process (n, d, d), initial (d, d), readout (q, d).
 
         Parameters
         ----------
+        dt : (n,) array
+            Steps, s.
         running : (q,) array
             g while the machine runs.
-        phase : RESTS, STARTS, RUNS or COASTS
+        phase : (n,) array of RESTS, STARTS, RUNS or COASTS
             A machine at rest has no wandering torque.
-        way : as of `Whitener`; the torque's deviation is that at WAYS
-        begins : bool
-            Whether the start is asked for; else it may be anything.
+        way : (n,) array
+            As of `Whitener`; the torque's deviation is that at WAYS.
+        first : int
+            The step that the initial covariance is of.
         """
         q = len(self.white)
         blocks: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]] = []
         for j in range(q):
             unit = np.eye(q)[:, j : j + 1]
             if self.slow[j, 0] > 0:
-                f = np.exp(-dt / self.slow[j, 1])
+                f = np.exp(-dt / self.slow[j, 1])[:, None, None]
                 v = self.slow[j, 0] ** 2
-                blocks.append((np.array([[f]]), np.array([[v * (1 - f * f)]]), np.array([[v]]), unit))
+                blocks.append((f, v * (1 - f * f), np.array([[v]]), unit))
             if self.differenced[j] > 0:
                 v = self.differenced[j] ** 2
                 shift = np.array([[0.0, 0.0], [1.0, 0.0]])
                 blocks.append((shift, np.diag([v, 0.0]), np.diag([v, v]), np.hstack([unit, -unit])))
         if self.torque[0] > 0 and self.machine is not None:
-            blocks.append(self._machine_block(dt, running, phase, way, begins))
-        d = sum(len(b[0]) for b in blocks)
-        result = {name: np.zeros((d, d)) for name in ("transition", "process", "initial")}
-        result["readout"] = np.zeros((q, d))
+            blocks.append(self._machine_block(dt, running, phase, way, first))
+        n, d = len(dt), sum(f.shape[-1] for f, *_ in blocks)
+        transition, process = np.zeros((2, n, d, d))
+        initial, readout = np.zeros((d, d)), np.zeros((q, d))
         at = 0
-        for f, noise, start, readout in blocks:
-            part = slice(at, at + len(f))
-            result["transition"][part, part], result["process"][part, part] = f, noise
-            result["initial"][part, part], result["readout"][:, part] = start, readout
-            at += len(f)
-        return result
+        for f, noise, start, shown in blocks:
+            part = slice(at, at + f.shape[-1])
+            transition[:, part, part], process[:, part, part] = f, noise
+            initial[part, part], readout[:, part] = start, shown
+            at += f.shape[-1]
+        return {"transition": transition, "process": process, "initial": initial, "readout": readout}
 
     def _machine_block(
-        self, dt: float, running: FloatArray, phase: int, way: int, begins: bool
+        self, dt: FloatArray, running: FloatArray, phase: IntArray, way: IntArray, first: int
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return transition and process covariance of the machine with the wandering torque held over a step."""
+        """Return transition and process covariance of the machine with the wandering torque held over each step."""
         assert self.machine is not None
         a, b = self.machine
         f = np.exp(-dt / self.torque[1])
-        transition = (unwound if phase == COASTS else held)(a.tobytes(), b.tobytes(), dt).copy()
-        transition[:2, 2] *= way / WAYS
-        transition[2, 2] = f
+        transition = driven(a.tobytes(), b.tobytes(), dt.tobytes(), (phase == COASTS).tobytes()).copy()
+        transition[:, :2, 2] *= (way / WAYS)[:, None]
+        transition[:, 2, 2] = f
         v = self.torque[0] ** 2
-        process = np.diag([0.0, 0.0, {RESTS: 0.0, STARTS: v}.get(phase, v * (1 - f * f))])
-        start, step = process.copy(), transition.copy()
-        for _ in range(60 if phase in (RUNS, COASTS) and begins else 0):  # P = F P F' + Q by doubling
+        process = np.zeros_like(transition)
+        process[:, 2, 2] = np.where(phase == RESTS, 0.0, np.where(phase == STARTS, v, v * (1 - f * f)))
+        start, step = process[first].copy(), transition[first].copy()
+        for _ in range(60 if phase[first] in (RUNS, COASTS) else 0):  # P = F P F' + Q by doubling
             more = step @ start @ step.T
             start = start + more
             if more.trace() <= 1e-12 * start.trace():
@@ -183,6 +188,13 @@ class NoiseModel:
             if seat >= 0:
                 readout[j, seat] = 1 / running[j]
         return transition, process, start, readout
+
+
+@lru_cache(maxsize=16)
+def driven(a: bytes, b: bytes, dt: bytes, coasts: bytes) -> FloatArray:
+    """Return `held` over n steps, (n, 3, 3), or `unwound` where the circuit is open; not to be changed."""
+    steps, is_open = np.frombuffer(dt).tolist(), np.frombuffer(coasts, dtype=bool).tolist()
+    return np.array([(unwound if o else held)(a, b, x) for x, o in zip(steps, is_open, strict=True)]).reshape(-1, 3, 3)
 
 
 @lru_cache(maxsize=256)

@@ -308,12 +308,8 @@ class Whitener:
             first = 0 if index is None else int(index[0])
             if self.each is not None:
                 running = self._running(g, clock.rows)
-            spaces = [
-                noise.states(dt, running, phase, way, begins=k == first) for k, (dt, phase, way) in enumerate(kinds)
-            ]
-            arrays = {name: np.array([s[name] for s in spaces]) for name in ("transition", "process")}
-            arrays["initial"] = spaces[first]["initial"]
-            found.append((index, {**arrays, "readout": spaces[0]["readout"]}))
+            lengths, phase_of_each, way_of_each = (np.array(own) for own in zip(*kinds, strict=True))
+            found.append((index, noise.states(lengths, running, phase_of_each, way_of_each, first=first)))
         return g, variance, found
 
     def _running(self, g: FloatArray, rows: slice) -> FloatArray:
