@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from driven_motor import DrivenMotor
 from motors import CML050, RMCS2004, Motor, held_response, recording_of, step_recording
+from scipy.signal import lfilter
 
 from estimator.cases.case import OutputSpec, ParameterSpec, RunSpec
 from estimator.estimating.estimate import estimate_recordings
@@ -140,6 +141,18 @@ def test_a_current_that_swings_below_zero_when_its_recording_ends_has_its_sign(r
     found = run(case_of(), made(voltage, shown, noise=(0.05, 0.3)))
     assert found.verdict != "refused", found.reasons
     assert all(abs(p.value - large.parameters[n]) < 4.5 * p.standard_error for n, p in found.parameters.items())
+
+
+def test_a_current_that_droops_behind_a_clamp_of_alternating_current_has_its_sign(case_of, good):
+    """Its inrush shows the sign; it was told to check it, as the current ends below zero."""
+    light, a = dataclasses.replace(CML050, B=1e-5), np.exp(-1e-3 / 0.15)  # of a high-pass of 0.15 s
+    voltage = good[0][:500]
+    shown = held_response(light, voltage, step=1e-3)
+    shown[:, 0] = lfilter([a, -a], [1.0, -a], shown[:, 0])
+    assert shown[-1, 0] < -0.02 * shown[:, 0].max()
+    found = run(case_of(), made(voltage, shown, noise=(0.01, 1)))
+    assert found.verdict != "refused" and "AC coupling" in found.effects, found.reasons
+    assert all(abs(p.value - light.parameters[n]) < 4.5 * p.standard_error for n, p in found.parameters.items())
 
 
 def test_a_random_command_of_single_rows_is_no_noise_around_its_mean(case_of):

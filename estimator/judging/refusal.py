@@ -22,6 +22,7 @@ from estimator.results.reason import Place, Reason
 
 FloatArray = NDArray[np.float64]
 
+INRUSH = 2.0  # times the last current: one of the right sign tells that the sign is right
 PLAINLY_MOVES = 12.0  # deviations of the noise from end to end: more is a movement
 IMPOSSIBLE = 1.5  # times the largest acceleration
 WHOLE_RESPONSE = 0.8  # of the response in one sample: all of it
@@ -138,6 +139,8 @@ def _contradicted(o: Observed) -> list[str]:
         final, noise = float(np.nanmean(y[-tail:])) - zero, noise_deviation(y)
         after = y[o.excitation.index :] - zero
         swings = not settled and float(np.nansum(after)) * v > 0  # as a large motor's current beyond its speed's peak
+        peak = float(after[np.nanargmax(np.abs(after))])
+        swings |= name == "i" and peak * v > 0 and abs(peak) > INRUSH * abs(final)  # behind a sensor that shows changes
         if final * v < 0 and abs(final) > 6 * noise and abs(final) > 0.02 * float(np.nanmax(np.abs(y))) and not swings:
             reasons.append(
                 Reason(
