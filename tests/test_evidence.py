@@ -67,15 +67,3 @@ def test_what_is_not_known_of_a_form_is_charged():
     unknown.fit.whitener.log_shared = 3.0
     for charged in (Explanation.criterion, Explanation.evidence):
         assert charged(unknown, 6) - charged(known, 6) == pytest.approx(3.0)
-
-
-@pytest.mark.parametrize(
-    ("tried", "free", "spared"), [(1, (), np.log(1000)), (3, (), np.log(1000 / 9)), (40, (), 0.0), (1, ("x",), 0.0)]
-)
-def test_beside_rivals_what_is_chosen_is_charged_for_the_choice(tried, free, spared):
-    """The criterion charges a number of 1 000 samples log 1 000; one of three that exclude each other costs 2 log 3."""
-    chosen = Addition(Effect("mean"), "mean", 1, 50.0, tried=tried, free=free)
-    assert chosen.spared(1000) == pytest.approx(spared)
-    assert explanation_of(np.arange(6.0), np.ones((6, 1)), ("a",), (chosen, chosen)).spared(1000) == 2 * chosen.spared(
-        1000
-    )

@@ -18,7 +18,7 @@ def explained(errors, *, cost=100.0, values=(2.0, 0.05), at_bound=(0, 0), is_log
     )  # fmt: skip
     return SimpleNamespace(
         fit=fit, additions=(), names=lambda: {cost}, criterion=lambda *_: cost, evidence=lambda _: cost,
-        excess=lambda _: 1.0, spared=lambda _: 0.0,
+        excess=lambda _: 1.0,
     )  # fmt: skip
 
 

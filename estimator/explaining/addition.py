@@ -146,15 +146,6 @@ class Addition:
         numbers = 0 if self.is_foretold else self.numbers
         return numbers * math.log(max(samples, 2)) + 2 * math.log(one_of / self.prior)
 
-    def spared(self, samples: int) -> float:
-        """Return by how much its penalty is too large beside rivals, where it is chosen among some, not fitted.
-
-        That costs the logarithm of how many they are, no number's. Where nothing is told it is charged a number's all
-        the same: a mean of counts, or none, would be told by chance.
-        """
-        is_chosen = self.linear is None and not self.free and math.isfinite(self.gain)
-        return max(0.0, math.log(max(samples, 2)) - 2 * math.log(self.tried)) if is_chosen else 0.0
-
     @property
     def prior(self) -> float:
         """Its prior probability."""

@@ -60,10 +60,6 @@ class Explanation:
         logs = whitener(np.zeros((*whitener.present.shape, 1)))[1] - whitener.log_shared
         return self.criterion(samples, self.excess(samples)) + logs
 
-    def spared(self, samples: int) -> float:
-        """Return by how much its penalties are too large beside rivals."""
-        return sum(a.spared(samples) for a in self.additions)
-
     def excess(self, samples: int) -> float:
         """Return z'z a sample, 1: what is missed over what the noise would leave; at least 1.
 

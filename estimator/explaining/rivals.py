@@ -71,8 +71,7 @@ def _exchanged_for_rivals(
             break
         best = selection.grown(with_noise(best, selection.differenced, again=True), selection.effects)
         best = selection.at_best(selection.without_idle(best))
-        misfit, before = (e.misfit(n) - e.spared(n) for e in (best, explanation))
-        if misfit > before - EXCHANGED:  # by its own noise it is not the likelier
+        if best.misfit(n) > explanation.misfit(n) - EXCHANGED:  # by its own noise it is not the likelier
             break
         explanation, others, fuller = best, None, None
     others = _others(selection, explanation) if others is None else others
@@ -91,10 +90,10 @@ def _likelier(selection: Selection, explanation: Explanation, others: Sequence[E
 
     def charged(e: Explanation) -> float:
         is_last = any(a.effect.is_last and a.name not in own for a in e.additions)
-        return e.criterion(n, excess) - excess * e.spared(n) + (ABSURD if is_last else 0.0)
+        return e.criterion(n, excess) + (ABSURD if is_last else 0.0)
 
     best = min(sound, key=charged, default=explanation)
-    is_likelier = charged(best) <= charged(explanation) - excess * EXCHANGED
+    is_likelier = charged(best) <= explanation.criterion(n, excess) - excess * EXCHANGED
     return best if is_likelier else None
 
 

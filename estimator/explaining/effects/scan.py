@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import Effect
 from estimator.fitting.simulator import Nuisance
+from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
 from estimator.stepping import layout
 
@@ -35,7 +36,8 @@ class Scan(Effect):
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return that of the last output, if there are several."""
-        if len(plan.outputs) < 2 or any(len(o.outputs) < 2 for o in plan.observed):
+        is_long = sum(len(o.recording.time) for o in plan.observed) > LONG  # it would hold columns between the rows
+        if is_long or len(plan.outputs) < 2 or any(len(o.outputs) < 2 for o in plan.observed):
             return ()
         places = list(plan.observed[0].recording.signals)
         columns = {y: plan.observed[0].recording.column(plan.binding.outputs[y].column) for y in plan.outputs}
