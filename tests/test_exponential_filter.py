@@ -33,6 +33,8 @@ def test_an_exponential_filter_is_no_low_pass_before_the_converter(output, excit
     assert found.verdict == "ok" and worst(found) < 4.5, (worst(found), found.reasons)
     if share > 0.5:
         return  # of half a row a low-pass does nearly the same
+    if {"lag", "scan"} <= set(found.effects):
+        return  # a low-pass before a converter that samples this channel half a row late
     assert "exponential filter" in found.effects, found.effects
     (note,) = [note for note in found.notes if "shown through an exponential filter" in note]
     assert float(note.split()[-4]) == pytest.approx(share, rel=0.05), note
