@@ -161,6 +161,22 @@ def run(kind: str, seed: int, without: str | None, reference: Line | None) -> Li
     return line
 
 
+def run_all(
+    wanted: Iterable[tuple[str, int, str | None, Line | None]], jobs: int | None, out: Path | None
+) -> Iterator[Line]:
+    """Run what is wanted, in so many processes; yield each line as it comes, tell it, and add it to a file."""
+    with ProcessPoolExecutor(jobs) as pool:
+        for job in as_completed([pool.submit(run, *own) for own in wanted]):
+            line = job.result()
+            if out:
+                with out.open("a") as stream:
+                    stream.write(json.dumps(line) + "\n")
+            z = max(deviations(line).values(), default=float("nan"))
+            print(f"{line['set']} {line['seed']} {line['found']['verdict']} z {z:.1f} {line['seconds']:.1f} s "
+                  f"{'+'.join(line['excitations'])}: {', '.join(line['effects'])}", file=sys.stderr)  # fmt: skip
+            yield line
+
+
 def bar_of(parameter: Mapping[str, Any]) -> float | None:
     """Return the whole uncertainty where it is told, else the standard error; None: nothing is claimed."""
     if parameter.get("status") == "not identified":
@@ -326,17 +342,8 @@ def main() -> None:
     seeds = [s for s in range(first, last) if (options.set, s, options.without_effect, version()) not in have]
     if options.only:
         seeds = [s for s in seeds if options.only in bench_of(options.set, s).effects]
-    with ProcessPoolExecutor(options.jobs) as pool:
-        jobs = [pool.submit(run, options.set, s, options.without_effect, known.get((options.set, s))) for s in seeds]
-        for job in as_completed(jobs):
-            line = job.result()
-            done.append(line)
-            if options.out:
-                with options.out.open("a") as stream:
-                    stream.write(json.dumps(line) + "\n")
-            z = max(deviations(line).values(), default=float("nan"))
-            print(f"{line['set']} {line['seed']} {line['found']['verdict']} z {z:.1f} {line['seconds']:.1f} s "
-                  f"{'+'.join(line['excitations'])}: {', '.join(line['effects'])}", file=sys.stderr)  # fmt: skip
+    wanted = [(options.set, s, options.without_effect, known.get((options.set, s))) for s in seeds]
+    done += run_all(wanted, options.jobs, options.out)
     print(table([x for x in done if x["version"] == version()]))
 
 

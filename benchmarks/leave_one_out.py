@@ -12,13 +12,10 @@ the recording tells. Asked is an ok that is wrong in 3 % of each kind at most.
 from __future__ import annotations
 
 import argparse
-import json
 import os
-import sys
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
-from combined import Line, counted, deviations, lines_of, run, version, wrong, wrong_and_ok
+from combined import Line, counted, deviations, lines_of, run_all, version, wrong, wrong_and_ok
 from emulated_effects import EMULATED_EFFECTS
 
 LEFT_OUT = {  # kind of effect -> names in the registry, separated by commas
@@ -92,17 +89,8 @@ def main() -> None:
         for kind in LEFT_OUT
         if options.only in (None, kind)
     }
-    with ProcessPoolExecutor(options.jobs) as pool:
-        jobs = [pool.submit(run, "alone", seed, names, None) for seed, names in seeds.items() if seed not in have]
-        for job in as_completed(jobs):
-            line = job.result()
-            done.append(line)
-            if options.out:
-                with options.out.open("a") as stream:
-                    stream.write(json.dumps(line) + "\n")
-            z = max(deviations(line).values(), default=float("nan"))
-            print(f"{line['seed']} {line['found']['verdict']} z {z:.1f} {line['seconds']:.1f} s "
-                  f"{'+'.join(line['excitations'])}: {', '.join(line['effects'])}", file=sys.stderr)  # fmt: skip
+    wanted = [("alone", seed, names, None) for seed, names in seeds.items() if seed not in have]
+    done += run_all(wanted, options.jobs, options.out)
     print(table([x for x in done if x["version"] == version()]))
 
 
