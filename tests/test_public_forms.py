@@ -298,3 +298,104 @@ class TestWithoutAHeader:
     def test_of_columns_that_do_not_rise_none_is(self, tmp_path: Path) -> None:
         told = sentence(save(tmp_path, "", V, RNG.normal(0, 1, N)))
         assert "as in --column v=1 --column w=2 --rate HZ, as no column rises like a time" in told
+
+
+class TestABlockOfSettingsAboveBareNumbers:
+    """Oscilloscopes that say names, units and the sampling interval once, above numbers without a header."""
+
+    ROWS = tuple(zip(V.tolist(), W.tolist(), strict=True))
+
+    def read(self, folder: Path, *lines: str) -> None:
+        path = folder / "scope.csv"
+        path.write_text("\n".join(lines) + "\n")
+        recording = read_recording(path)
+        assert recording.headers == {"CH1": "CH1 [V]", "CH2": "CH2 [A]"}
+        np.testing.assert_allclose(recording.time, TIME, atol=1e-9)
+        np.testing.assert_allclose(recording.signals["CH1"], V)
+        np.testing.assert_allclose(recording.signals["CH2"], W)
+
+    def test_yokogawa(self, tmp_path: Path) -> None:
+        settings = ('"Model","DL850"', '"TraceName","CH1","CH2"', '"VUnit","V","A"', '"HResolution","5e-3","5e-3"')
+        self.read(tmp_path, *settings, '"HUnit","s","s"', '"Time","12:00:00","12:00:00"', "",
+                  *(f",{v!r},{w!r}" for v, w in self.ROWS))  # fmt: skip
+
+    def gw_instek(self, mode: str) -> list[str]:
+        said = {"Source": ("CH1", "CH2"), "Vertical Units": "VA", "Horizontal Units": "SS"}
+        said |= {"Sampling Period": ("5.0E-03",) * 2, "Mode": (mode,) * 2, "Waveform Data": ("", "")}
+        return ["Format,1.0B,", *("".join(f"{key},{value}," for value in values) for key, values in said.items())]
+
+    def test_gw_instek_with_a_time_before_each_sample(self, tmp_path: Path) -> None:
+        rows = (f"{t:.6e},{v!r},{t:.6e},{w!r}," for t, (v, w) in zip(TIME, self.ROWS, strict=True))
+        self.read(tmp_path, *self.gw_instek("Detail"), *rows)
+
+    def test_gw_insteks_counts_are_no_volts(self, tmp_path: Path) -> None:
+        path = tmp_path / "scope.csv"
+        rows = [f"{round(v * 10)},,{round(w)},," for v, w in self.ROWS]
+        path.write_text("\n".join([*self.gw_instek("Fast"), *rows]) + "\n")
+        assert "has no voltage column" in sentence(path)
+        assert set(read_recording(path).headers) == {"CH1 raw", "CH2 raw"}
+
+
+def test_a_path_before_the_times_name_is_passed_over(tmp_path: Path) -> None:
+    for name in ("OSL:timestamp", "/clock/time", "log.timestamp"):
+        found = read_recording(save(tmp_path, f"{name},knee[Dephy]:motor_voltage,/motor/velocity", TIME, V, W))
+        assert motor_columns(found, required=("v", "w")) == {"v": "knee[Dephy]:motor_voltage", "w": "/motor/velocity"}
+        np.testing.assert_allclose(found.time, TIME, atol=1e-12)
+
+
+@pytest.mark.parametrize("clock", [TIME, 1000 + TIME])
+def test_an_index_without_a_name_is_the_time_unless_it_counts_rows(clock: np.ndarray, tmp_path: Path) -> None:
+    recording = read_recording(save(tmp_path, ",voltage,speed [rad/s]", clock, V, W))
+    np.testing.assert_allclose(recording.time - recording.time[0], TIME, atol=1e-6)
+    assert "there is no time column" in sentence(save(tmp_path, ",voltage,speed [rad/s]", np.arange(N) + 7.0, V, W))
+
+
+class TestAVoltageThatStaysWhileTheDutyCycleIsNone:
+    """It is the supply's, whatever it is called."""
+
+    def test_is_multiplied_by_it(self, tmp_path: Path) -> None:
+        path = save(
+            tmp_path, "time,input_voltage,motor_temp,duty,speed [rad/s]", TIME, 24 - V / 20, 0 * V + 30, V / 20, W
+        )
+        (recording,) = recordings_in(path)
+        found = motor_columns(recording, required=("v", "w"))
+        np.testing.assert_allclose(recording.signals[found["v"]], V / 20 * (24 - V / 20), atol=1e-9)
+
+    def test_is_not_taken_beside_counts_of_it(self, tmp_path: Path) -> None:
+        path = save(tmp_path, "time,present_input_voltage,present_pwm,speed [rad/s]", TIME, 0 * V + 120, 88 * V, W)
+        assert "'present_pwm' is a duty cycle: say of which supply" in sentence(path)
+
+    def test_a_voltage_that_follows_it_is_the_motors(self, tmp_path: Path) -> None:
+        for part in (V / 20, V / 10 - 0.5):  # and of a bridge that rests at a half
+            path = save(tmp_path, "time,input_voltage,duty,speed [rad/s]", TIME, 24 * part, V / 20, W)
+            (recording,) = recordings_in(path)
+            np.testing.assert_allclose(
+                recording.signals[motor_columns(recording, required=("v", "w"))["v"]], 24 * part, atol=1e-9
+            )
+
+
+def test_an_electrical_speed_needs_its_pole_pairs(tmp_path: Path) -> None:
+    path = save(tmp_path, "time,voltage,ERPM", TIME, V, 7 * W * 30 / np.pi)
+    says = ReadAs(columns={"w": "ERPM"})
+    assert "'ERPM' is no unit of angular speed" in sentence(path, says)
+    assert "--unit w=rpm --scale w=0.25 that there are 4 pole pairs" in sentence(path, says)
+    recording = read_recording(path, ReadAs(columns={"w": "ERPM"}, units={"w": "rpm"}))
+    np.testing.assert_allclose(recording.signals[recording.roles["w"]], 7 * W, atol=1e-8)
+
+
+@pytest.mark.parametrize("unit", ["giri/min", "obr/min", "ot/min", "devir/dk"])
+def test_turns_a_minute_are_known_in_other_languages(unit: str, tmp_path: Path) -> None:
+    recording = read_recording(save(tmp_path, f"time [s],voltage [V],speed [{unit}]", TIME, V, W * 30 / np.pi))
+    np.testing.assert_allclose(recording.signals["speed"], W, atol=1e-8)
+
+
+def test_a_long_line_of_json_is_told_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "log.json"
+    row = '{"time": 0.001, "voltage": 12.0, "current": 0.5}'
+    path.write_text(f"[{', '.join([row] * 20_000)}]")  # a header's brackets were looked for from each character on
+    with pytest.raises(RecordingError, match=r"log\.json is JSON without the tests"):
+        recordings_in(path)
+    path = path.rename(tmp_path / "log.txt")
+    path.write_text(f"x {' '.join([row] * 20_000)})")
+    with pytest.raises(RecordingError, match="there is no time column"):
+        recordings_in(path)

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.errors import RecordingError
 from estimator.recordings.plain_text import plain_columns
-from estimator.recordings.scope_lines import with_times
+from estimator.recordings.scope_lines import rewriter
 from estimator.recordings.serial_lines import are_serial, delimited_lines
 from estimator.recordings.text_cells import (
     EMPTY,
@@ -93,11 +93,10 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
         The file is missing, no text, empty, without a header, or a row has too few or too many cells.
     """
     written, encoding = read_text(path)
-    head = written.split("\n", 2)[:2]
-    is_counted = with_times(head) is not head
-    if not is_counted and (plain := _plain_table(path, written, encoding, rules)) is not None:
+    rewritten = rewriter(written.split("\n", HEADER_LINES)[:HEADER_LINES])
+    if rewritten is None and (plain := _plain_table(path, written, encoding, rules)) is not None:
         return plain
-    as_written = with_times(written.split("\n")) if is_counted else written.split("\n")
+    as_written = written.split("\n") if rewritten is None else rewritten(written.split("\n"))
     lines, is_labelled = delimited_lines(as_written, rules.is_header)
     while lines and not lines[-1].strip(EMPTY):
         lines.pop()  # rows of empty cells at the end

@@ -37,10 +37,11 @@ ROLE_TITLE = {
     "angle": "angle",
     "load": "load torque",
 }
+LONGEST = 200  # characters: a longer text is no name
 # Usual names per role, best first, as `plain` gives them. A measured voltage goes before a commanded one.
 _NAMES = {
     "time": "time t zeit temps tiempo tempo t_now timestamp time_stamp elapsed_time seconds second sec s ms us x_axis"
-    " x_value millis micros elapsed uhrzeit zeitstempel datetime date_time date/time epoch hora heure время 时间 時間",
+    " x_value millis micros elapsed uhrzeit zeitstempel datetime date_time epoch hora heure время 时间 時間",
     "v": "voltage armature_voltage motor_voltage terminal_voltage measured_voltage v u u_a v_a ua va"
     " u_m v_m um vm v_mot u_mot v_motor u_motor uin vin u_in v_in volts volt spannung ankerspannung"
     " motor_v motor_volts motorspannung tension tensione tensao tensão tensión voltaje applied_voltage input_voltage"
@@ -159,7 +160,7 @@ def plain(name: str) -> str:
     """Return the form in which names are compared: ``"Armature Voltage"`` → ``"armature_voltage"``; no accents."""
     name = "".join(c for c in unicodedata.normalize("NFD", name) if not unicodedata.combining(c))
     name = re.sub(r"(?<=[a-z]{3})(?=[A-Z][a-z]{2})", "_", name)  # leftSpeed
-    return re.sub(r"[\s_.,:;\-]+", "_", name.casefold()).strip("_")
+    return re.sub(r"[\s_.,:;/\-]+", "_", name.casefold()).strip("_")
 
 
 def _without_side(key: str) -> str:
@@ -256,6 +257,8 @@ def parse_header(text: str) -> Header:
     without it: ``U_a`` and ``w_min`` are names, ``motor_rpm`` is both.
     """
     text = " ".join(text.translate(_WIDE).split())
+    if len(text) > LONGEST:
+        return Header(text, text, None, None)
     brackets = _BRACKETS.fullmatch(text)
     if brackets and not _ABSOLUTE.fullmatch(text):
         inside = (brackets["square"] if brackets["square"] is not None else brackets["round"]).strip()

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.errors import RecordingError, suggestion
-from estimator.recordings.headers import motors_named, parse_header, plain, rank_in_role
+from estimator.recordings.headers import ASKED, motors_named, parse_header, plain, rank_in_role
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import Recording
 from estimator.recordings.turns import OVERFLOW, counted_on
@@ -21,6 +21,7 @@ from estimator.recordings.units import FloatArray
 
 DUTY = frozenset({"duty", "pwm", "dutycycle"})
 SUPPLY = frozenset({"battery", "batt", "vbat", "vbatt", "bat", "supply", "vbus", "bus", "vs", "vcc", "vin", "vsupply"})
+LEAST_PART, LEFT = 0.05, 0.5  # of the largest duty cycle; of the largest voltage: a supply's, though nothing is driven
 FEW_LEVELS = 4  # fewer are no encoder's
 FULL = 1.0 + 1e-9  # of a duty cycle without a unit: up to here it is a part of the supply
 
@@ -150,7 +151,7 @@ def duty_column(recording: Recording, *, units: Collection[str] = ("", "1", "cou
     """
     found = [c for c in recording.signals if DUTY & _words(recording, c) and recording.units[c] in units]
     return min(
-        found, key=lambda c: bool({"command", "commanded", "cmd", "target"} & _words(recording, c)), default=None
+        found, key=lambda c: bool((ASKED | {"command", "commanded", "cmd"}) & _words(recording, c)), default=None
     )
 
 
@@ -166,7 +167,9 @@ def _driven(recording: Recording, supply: str | None) -> Recording:
             )
         return recording
     supplies = [
-        c for c in recording.signals if c != duty and SUPPLY & _words(recording, c) and _is_voltage(recording, c)
+        c
+        for c in recording.signals
+        if c != duty and _is_voltage(recording, c) and (SUPPLY & _words(recording, c) or stays(recording, c))
     ]
     if supply is None and (_voltages(recording, supplies) or len(supplies) != 1):
         return recording  # what is missing is said where the voltage is looked for
@@ -225,7 +228,19 @@ def _voltages(recording: Recording, supplies: Sequence[str]) -> list[str]:
 
 
 def _is_voltage(recording: Recording, column: str) -> bool:
-    return recording.units.get(column) in ("V", "")
+    name = parse_header(recording.headers[column]).name
+    return recording.units.get(column) in ("V", "") and rank_in_role(name, "i") is None
+
+
+def stays(recording: Recording, column: str) -> bool:
+    """Return whether a voltage is there though the duty cycle beside it goes to 0: then it is the supply's."""
+    duty = duty_column(recording)
+    named = rank_in_role(parse_header(recording.headers[column]).name, "v") is not None
+    if duty is None or duty == column or not named or column not in recording.signals:
+        return False
+    part, volts = np.abs(recording.signals[duty]), recording.signals[column]
+    least, largest = np.nanmin(volts, initial=np.inf), np.nanmax(volts, initial=0.0)
+    return bool(np.nanmin(part) <= LEAST_PART * np.nanmax(part) > 0 and least > LEFT * largest > 0)
 
 
 def _words(recording: Recording, column: str) -> frozenset[str]:

@@ -24,7 +24,7 @@ from estimator.recordings.headers import (
     plain,
     rank_in_role,
 )
-from estimator.recordings.made_columns import SUPPLY, duty_column
+from estimator.recordings.made_columns import SUPPLY, duty_column, stays
 from estimator.recordings.recording import Recording
 
 SAME, FEW = 0.02, 0.05  # of the span, of the samples: columns that differ by less are one signal
@@ -95,6 +95,7 @@ def _of_role(recording: Recording, role: str, *, wanted: bool) -> str | None:
         if (rank := rank_in_role(parse_header(recording.headers[column]).name, role)) is not None
         and column not in recording.roles.values()
         and not _counts_rows(recording, column)
+        and not (role == "v" and stays(recording, column))
     )
     faults = {column: recording.fault(column, quantity) for _, column in ranked}
     fitting = [(rank, column) for rank, column in ranked if faults[column] is None]

@@ -100,6 +100,12 @@ def _unit_above(cells: Sequence[str], role: str) -> str | None:
     return None
 
 
+def _are_a_count(values: FloatArray) -> bool:
+    """Return whether values count the rows, or do not rise as times do."""
+    steps = np.diff(values)
+    return not bool((steps > 0).all()) or bool((steps == 1).all())
+
+
 def _read_text(path: Path, read_as: ReadAs) -> RawTable:
     rules = HeaderRules(
         is_header=functools.partial(is_header, read_as=read_as),
@@ -115,6 +121,8 @@ def _read_text(path: Path, read_as: ReadAs) -> RawTable:
         for j, unit in enumerate(table.units[: len(texts)]):
             if unit.strip("[]() ") and parse_header(texts[j]).unit_text is None:
                 texts[j] = f"{texts[j]} [{unit.strip('[]() ')}]"
+    if not texts[0] and not any(role_of(parse_header(text).name) == "time" for text in texts):
+        texts[0] = "time" if 0 in table.bad or not _are_a_count(table.columns[0]) else ""  # an index without a name
     for role, number in read_as.columns.items() if table.above else ():
         j = int(number) - 1 if number.isdecimal() else len(texts)
         if 0 <= j < len(texts) and (above := _unit_above([cells[j] for cells in table.above], role)):

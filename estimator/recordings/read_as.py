@@ -114,7 +114,7 @@ class ReadAs(Locked):
 def _of_role(header: Header, role: str) -> Header:
     """Return a header whose word is a unit only by chance: `pulse`, which the user says is the voltage."""
     bare = header.unit is not None and plain(header.text) == plain(header.unit_text or "")
-    if bare and header.unit is not None and header.unit.quantity != ROLE_QUANTITY.get(role):
+    if bare and header.unit is not None and header.unit.quantity not in (ROLE_QUANTITY.get(role), "electrical speed"):
         return Header(header.text, header.text, None, None)
     return header
 

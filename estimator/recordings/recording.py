@@ -158,6 +158,8 @@ def _otherwise(given: Unit | None, quantity: str) -> str:
     """Return how a way or a speed in metres is taken for the shaft's, or a sensor's volts for what it measures."""
     if given is not None and given.quantity == "voltage":
         return f", or say with --scale how many {unit_of(quantity).si} a volt is"
+    if given is not None and (given.quantity, quantity) == ("electrical speed", "angular speed"):
+        return ", or say with --unit w=rpm --scale w=0.25 that there are 4 pole pairs"
     if given is None or (given.quantity, quantity) not in (("speed", "angular speed"), ("length", "angle")):
         return ""
     return ", or say with --per-turn how many metres a turn goes"

@@ -1,14 +1,56 @@
 """Lines of an oscilloscope that counts its samples and says their interval once → lines with times. Knows no motor.
 
 So Rigol's write: ``X,CH1,CH2,Start,Increment,`` above ``Sequence,Volt,Volt,-1.2e-01,1e-04,`` and ``0,1.2,0.4,,``.
+Others write a block of settings and bare numbers below it: Yokogawa's ``"TraceName","CH1","CH2"``, ``"VUnit","V","A"``,
+``"HResolution","1e-04","1e-04"``; GW Instek's ``Source,CH1,Source,CH2,``, ``Sampling Period,1e-04,…`` (``Mode,Detail``:
+a time before each sample; ``Mode,Fast``: counts of the converter).
 """
 
 from __future__ import annotations
 
-from estimator.recordings.text_cells import number_in
+from collections.abc import Callable
+
+from estimator.recordings.text_cells import holds_numbers_only, number_in, split_cells
 
 COUNTED, INTERVAL = ("x", "start", "increment"), "sequence"  # of its names, and of the units below them
 AT = 2  # cells at the end: start, interval
+SETTINGS = 60  # lines of them, at most
+NAMES, UNITS, EVERY, BEGIN = (
+    ("tracename", "source"),
+    ("vunit", "vertical units"),
+    ("hresolution", "sampling period"),
+    "hoffset",
+)
+
+
+def rewriter(head: list[str]) -> Callable[[list[str]], list[str]] | None:
+    """Return what writes times into all lines of a file that begins so; None where it needs none."""
+    return next((way for way in (with_times, with_settings_read) if way(head) is not head), None)
+
+
+def with_settings_read(lines: list[str]) -> list[str]:
+    """Return bare numbers below a block of settings as rows with a time, below a header; other lines unchanged."""
+    first = next((k for k, line in enumerate(lines[:SETTINGS]) if line.strip(', "') and holds_numbers_only(line)), 0)
+    said: dict[str, list[str]] = {}
+    for line in lines[:first]:
+        key, *values = split_cells(line, ",")
+        said[key.lower()] = [value for value in values if value and value != key]
+    names, units, every = (next((said[key] for key in keys if said.get(key)), []) for keys in (NAMES, UNITS, EVERY))
+    step = number_in(every[0], ".") if every else None
+    if first < 2 or not names or not step:
+        return lines
+    start = number_in((said.get(BEGIN) or ["0"])[0], ".") or 0.0
+    if "Fast" in said.get("mode", ()):
+        names, units = [f"{name} raw" for name in names], []
+    rows = [[cell for cell in split_cells(line, ",") if cell] for line in lines[first:]]
+    if len(rows[0]) == 2 * len(names):
+        timed = [",".join([*row[:1], *row[1::2]]) for row in rows]
+    elif len(rows[0]) == len(names):
+        timed = [",".join([f"{start + step * k:.12g}", *row]) if row else "" for k, row in enumerate(rows)]
+    else:
+        return lines
+    header = [",".join(["time", *names]), ",".join(["s", *(units or ["-"] * len(names))])]
+    return ["", *[""] * (first - 3), *header, *timed][-len(lines) :]
 
 
 def with_times(lines: list[str]) -> list[str]:

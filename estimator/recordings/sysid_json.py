@@ -14,6 +14,7 @@ The voltage is logged without its sign by some of those programs; it takes that 
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from estimator.recordings.reading import recording_from_arrays
 from estimator.recordings.recording import MIN_SAMPLES, Recording
 from estimator.recordings.units import FloatArray
 
+_BEGINNING = re.compile(rb"(\xef\xbb\xbf)?\s*(\[\s*)?\{")
 TESTS = ("slow-forward", "slow-backward", "fast-forward", "fast-backward")
 ONE = ("time", "voltage [V]", "position [rev]", "speed [rev/s]")
 SIDES = ("voltage_left [V]", "voltage_right [V]", "position_left [rev]", "position_right [rev]")
@@ -34,10 +36,10 @@ CHARACTERIZATION = ("time", "", "", *SIDES, *SPEEDS, "")
 
 
 def is_json(path: Path) -> bool:
-    """Return whether a file begins as a JSON object."""
+    """Return whether a file begins as a JSON object, or a list of such."""
     try:
         with Path(path).open("rb") as file:
-            return file.read(256).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{")
+            return _BEGINNING.match(file.read(256)) is not None
     except OSError:
         return False  # the reader of text says what is wrong
 

@@ -27,7 +27,8 @@ _INSTANTS = re.compile(r"\d{1,4}([./-])\d{1,2}\1\d{1,4}\b|\d{1,2}:\d{2}(?::\d{2}
 _NOTHING = re.compile(r"(?!)")
 _TOKENS = re.compile(r'"[^"]*"|\S+')
 _FORTRAN = re.compile(r"([-+]?[\d.,]+)[dD]([-+]?\d+)")  # 1.0D-03, of double precision
-_BRACKETED = re.compile(r"\s*([^\[\]()]+(?:\[[^\[\]]*\]|\([^()]*\)))")
+_BRACKETED = re.compile(r"[^\[\]()]+(?:\[[^\[\]]*\]|\([^()]*\))")
+_BEHIND_BRACKETS = re.compile(r"(?<=[\])])")
 
 
 def split_cells(line: str, delimiter: str | None) -> Cells:
@@ -49,8 +50,8 @@ def ways_to_split(line: str) -> list[tuple[str | None, Cells]]:
             cells.pop()  # a delimiter at the end of the line
         ways.append((delimiter, cells))
     ways.append((None, re.split(r"\s{2,}", line.strip())))
-    bracketed = [cell.strip() for cell in _BRACKETED.findall(line)]
-    if "".join("".join(bracketed).split()) == "".join(line.split()):
+    bracketed = [cell.strip() for cell in _BEHIND_BRACKETS.split(line.strip()) if cell.strip()]
+    if all(map(_BRACKETED.fullmatch, bracketed)):
         ways.append((None, bracketed))
     ways.append((None, split_cells(line, None)))
     return ways

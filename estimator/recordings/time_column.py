@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import NoReturn
 
@@ -44,7 +45,10 @@ def is_header(cells: Sequence[str], *, read_as: ReadAs) -> bool:
     if "time" in read_as.columns:
         return plain(read_as.columns["time"]) in {plain(text) for text in (*names, *cells)}
     roles = {role_of(name) for name in names}
-    return bool(roles - {None}) if read_as.rate is not None else "time" in roles
+    if read_as.rate is None and "time" not in roles:  # a path may stand before it, or nothing may name an index
+        roles |= {role_of(last) for name in names if len(last := re.split("[:/.]", name)[-1]) > 2} & {"time"}
+        return "time" in roles or (not cells[0] and len(roles - {None}) > 1)
+    return bool(roles - {None})
 
 
 def no_time(where: str, cells: Sequence[str], *, read_as: ReadAs = AS_WRITTEN) -> NoReturn:
