@@ -318,3 +318,12 @@ def test_the_command_line_offers_the_formats_there_are():
 
     assert FORMATS == handover_files.FORMATS
     assert outcomes.FORMATS is handover_files.FORMATS
+
+
+def test_names_that_matlab_cannot_tell_apart_get_fields_of_their_own():
+    one = found().parameters["R"]
+    names = ("a.R", "a_R", "a R")
+    made = dataclasses.replace(found(), parameters={n: dataclasses.replace(one, name=n) for n in names})
+    text = handover.matlab_script(made).decode()
+    for table in ("parameters", "standard_errors"):
+        assert re.findall(rf"^{table}\.(\w+) =", text, re.MULTILINE) == ["a_R_1", "a_R", "a_R_2"]

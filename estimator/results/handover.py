@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, get_args
 
 import numpy as np
@@ -93,15 +94,16 @@ def matlab_script(estimate: Estimate) -> bytes:
     Its function handle ``set_fmu`` gives the values to an FMU block in Simulink.
     """
     name = _identifier(str(estimate.fmu.get("name") or "motor"))
+    fields = _identifiers(estimate.parameters)
     lines = [f"% {line}" for line in _heading(estimate)]
     lines += ["", "% values, in the unit that is named"]
     for parameter in estimate.parameters.values():
-        lines.append(f"parameters.{_identifier(parameter.name)} = {_number(parameter.value)};  % {_doubt(parameter)}")
+        lines.append(f"parameters.{fields[parameter.name]} = {_number(parameter.value)};  % {_doubt(parameter)}")
     lines += ["", "% standard errors; NaN where none is known"]
     for parameter in estimate.parameters.values():
         error = parameter.standard_error if parameter.free else 0.0
         shown = "NaN" if error is None else _number(error)
-        lines.append(f"standard_errors.{_identifier(parameter.name)} = {shown};")
+        lines.append(f"standard_errors.{fields[parameter.name]} = {shown};")
     values = {n: p.value for n, p in estimate.parameters.items()}
     if is_motor(values):
         A, B, C, D = (_matrix(m.tolist()) for m in matrices(values))
@@ -268,6 +270,16 @@ def _quoted(name: str) -> str:
 
 def _number(value: float) -> str:
     return repr(float(value))
+
+
+def _identifiers(names: Iterable[str]) -> dict[str, str]:
+    """Return a field's name for each name, no two alike: those of `a.R` and `a_R` would be one."""
+    found: dict[str, str] = {}
+    for name in sorted(names, key=lambda n: _identifier(n) != n):  # what is an identifier keeps its name
+        plain = _identifier(name)
+        others = (f"{plain}_{k}" for k in itertools.count(1))
+        found[name] = plain if plain not in found.values() else next(o for o in others if o not in found.values())
+    return found
 
 
 def _identifier(name: str) -> str:
