@@ -597,6 +597,13 @@ def test_a_result_folder_made_elsewhere_is_opened_and_runs_are_seen_side_by_side
     page.says("std. errors")  # the table of the command compare
 
 
+def test_a_click_on_a_files_name_adds_it(page, folder):
+    shutil.copyfile(EXAMPLE, folder / "bench 1.csv")
+    page.go("data")
+    page.until(lambda: [page.driver.find_element(By.XPATH, "//button[text()='bench 1.csv']").click()])
+    page.shown("bench 1.csv")
+
+
 @pytest.mark.full
 def test_the_button_of_a_file_with_a_long_name_stands_beside_it(page, folder):
     (folder / "TimeConstant_Test_2023-12-13_130935.csv").write_bytes(EXAMPLE.read_bytes())

@@ -44,10 +44,10 @@ export class DataPage {
         "Drop recordings, an FMU or a case file here, or ", el("u", {}, "choose files")),
       recordings.length ? el("ul", { class: "list" }, recordings.map((r, k) => this.row(r, k))) : null,
       others.length ? [el("h3", {}, "In this folder"), el("ul", { class: "list plain" }, others.map((name, k) => el("li", { class: "row" },
-        el("span", { class: "name" }, name), el("span", { class: "grow" }),
+        el("button", { type: "button", class: "link name", tabindex: "-1", onclick: () => this.app.add(name) }, name), el("span", { class: "grow" }),
         el("button", { type: "button", id: `add-${k}`, "aria-label": `Add ${name}`, onclick: () => this.app.add(name) }, "Add"))))] : null,
       files.cases.length ? [el("h3", {}, "Case files"), el("ul", { class: "list plain" }, files.cases.map((name, k) => el("li", { class: "row" },
-        el("span", { class: "name" }, name), el("span", { class: "grow" }),
+        el("button", { type: "button", class: "link name", tabindex: "-1", onclick: () => this.open(name) }, name), el("span", { class: "grow" }),
         el("button", { type: "button", id: `open-${k}`, "aria-label": `Open ${name}`, onclick: () => this.open(name) }, "Open"))))] : null);
     this.show();
   }
