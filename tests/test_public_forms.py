@@ -399,3 +399,42 @@ def test_a_long_line_of_json_is_told_at_once(tmp_path: Path) -> None:
     path.write_text(f"x {' '.join([row] * 20_000)})")
     with pytest.raises(RecordingError, match="there is no time column"):
         recordings_in(path)
+
+
+def test_cells_may_hold_their_unit_if_it_is_one_for_all(tmp_path: Path) -> None:
+    rows = [f"{t:.3f} s,{v:.1f} V,{w:.6f} rad/s" for t, v, w in zip(TIME, V, W, strict=True)]
+    rows[7] = rows[7].rsplit(",", 1)[0] + ","
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["time,voltage,speed", *rows]) + "\n")
+    recording = read_recording(path)
+    assert recording.headers == {"voltage": "voltage [V]", "speed": "speed [rad/s]"}
+    np.testing.assert_allclose(recording.time, TIME, atol=1e-9)
+    np.testing.assert_allclose(np.delete(recording.signals["speed"], 7), np.delete(W, 7), atol=1e-6)
+    assert np.isnan(recording.signals["speed"][7])
+    path.write_text(path.read_text().replace("10.0 V", "10000 mV", 5))
+    assert "is not a number" in sentence(path)  # of two units none is everybody's
+
+
+def test_labels_may_stand_before_equals_signs(tmp_path: Path) -> None:
+    path = tmp_path / "log.txt"
+    path.write_text("".join(f"t={t:.3f}, v={v:.1f}, w={w:.6f}\n" for t, v, w in zip(TIME, V, W, strict=True)))
+    recording = read_recording(path)
+    np.testing.assert_allclose(recording.signals["w"], W, atol=1e-6)
+    settings = "".join(f"setting {k} = {k}\n" for k in range(40))  # above the header they are no rows
+    path.write_text(settings + save(tmp_path, "time,voltage,speed", TIME, V, W).read_text())
+    np.testing.assert_allclose(read_recording(path).time, TIME, atol=1e-9)
+
+
+def test_a_functions_argument_is_no_unit(tmp_path: Path) -> None:
+    recording = read_recording(save(tmp_path, "t,u(t) [V],w(t)", TIME, V, W))
+    found = motor_columns(recording, required=("v", "w"))
+    np.testing.assert_array_equal(recording.signals[found["v"]], V)
+    path = save(tmp_path, "t,V(motor),speed", TIME, V, W)
+    assert "'motor' is not a known unit" in sentence(path) and "--unit" in sentence(path)
+
+
+def test_a_speed_in_kilometres_an_hour_needs_the_wheel(tmp_path: Path) -> None:
+    path = save(tmp_path, "time,voltage,speed [km/h]", TIME, V, W * 0.05 * 3.6)
+    assert "or say with --per-turn how many metres a turn goes" in sentence(path)
+    (recording,) = recordings_in(path, ReadAs(per_turn=0.1 * np.pi))
+    np.testing.assert_allclose(recording.signals[motor_columns(recording, required=("w",))["w"]], W, atol=1e-6)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from estimator.recordings.units import Unit, parse_unit, unit_of
@@ -152,6 +152,7 @@ _BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round
 
 _WITHIN = re.compile(r"(?P<name>[^\[\]()]+?)\s*[\[(](?P<unit>[^\[\]()]*)[\])](?P<rest>[^\[\]()]+)")  # "i (A) left"
 _ABSOLUTE = re.compile(r"(?:abs ?\( ?([^()|]+?) ?\)|\| ?([^()|]+?) ?\|)", re.IGNORECASE)  # "abs(i)", "|i|"
+_OF_TIME = re.compile(r"(?<=\w)\([tk]\)")
 _FACTOR = re.compile(r"\s*[x×*/]\s*\d")
 
 
@@ -259,6 +260,8 @@ def parse_header(text: str) -> Header:
     text = " ".join(text.translate(_WIDE).split())
     if len(text) > LONGEST:
         return Header(text, text, None, None)
+    if (whole := _OF_TIME.sub("", text)) != text:
+        return replace(parse_header(whole), text=text)  # "u(t) [V]"
     brackets = _BRACKETS.fullmatch(text)
     if brackets and not _ABSOLUTE.fullmatch(text):
         inside = (brackets["square"] if brackets["square"] is not None else brackets["round"]).strip()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,10 +18,13 @@ from estimator.recordings.formats import read_columns
 from estimator.recordings.headers import ROLE_QUANTITY, are_units, parse_header, role_of
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import MIN_SAMPLES
+from estimator.recordings.text_cells import is_word, numbers_in, unquoted
 from estimator.recordings.text_header import HeaderRules
 from estimator.recordings.time_column import is_header, no_time, time_column
 from estimator.recordings.time_grid import half_last_digit
 from estimator.recordings.units import FloatArray, parse_unit
+
+_WITH_UNIT = re.compile(r"([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\s\d.,+-]\S*)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +104,18 @@ def _unit_above(cells: Sequence[str], role: str) -> str | None:
     return None
 
 
+def _with_one_unit(cells: list[str]) -> tuple[FloatArray, str] | None:
+    """Return numbers and the unit that stands behind each of them, "10.5 V"; None where it is not one for all."""
+    parts = [_WITH_UNIT.fullmatch(unquoted(cell)) for cell in cells if is_word(unquoted(cell))]
+    units = {part[2] if part else "" for part in parts}
+    unit = units.pop() if len(units) == 1 else ""
+    if parse_unit(unit) is None:
+        return None
+    bare = [unquoted(cell).removesuffix(unit).strip() for cell in cells]
+    values, fault = numbers_in(bare, "," if any("," in cell for cell in bare) else ".")
+    return None if fault is not None else (values, unit)
+
+
 def _are_a_count(values: FloatArray) -> bool:
     """Return whether values count the rows, or do not rise as times do."""
     steps = np.diff(values)
@@ -123,6 +139,14 @@ def _read_text(path: Path, read_as: ReadAs) -> RawTable:
                 texts[j] = f"{texts[j]} [{unit.strip('[]() ')}]"
     if not texts[0] and not any(role_of(parse_header(text).name) == "time" for text in texts):
         texts[0] = "time" if 0 in table.bad or not _are_a_count(table.columns[0]) else ""  # an index without a name
+    columns, bad = list(table.columns), dict(table.bad)
+    for j in table.bad:
+        header = parse_header(texts[j])
+        is_clock = role_of(header.name) == "time" or read_as.columns.get("time") in (header.name, str(j + 1))
+        if header.unit_text is None and not is_clock and (split := _with_one_unit(list(table.text(j)))) is not None:
+            columns[j], unit = split
+            texts[j] = f"{header.name} [{unit}]"
+            del bad[j]
     for role, number in read_as.columns.items() if table.above else ():
         j = int(number) - 1 if number.isdecimal() else len(texts)
         if 0 <= j < len(texts) and (above := _unit_above([cells[j] for cells in table.above], role)):
@@ -133,7 +157,7 @@ def _read_text(path: Path, read_as: ReadAs) -> RawTable:
 
     where = path.name if read_as.numbers else f"{path.name} line {table.header_line}"
     keep = [j for j, text in enumerate(texts) if text or not np.isnan(table.columns[j]).all() or j in table.bad]
-    columns, bad, half_digits = list(table.columns), dict(table.bad), {}
+    half_digits = {}
     for j in keep:
         header = parse_header(texts[j])
         is_clock = role_of(header.name) == "time" or read_as.columns.get("time") in (header.name, str(j + 1))

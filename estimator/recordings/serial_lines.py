@@ -1,6 +1,7 @@
 """What an Arduino prints, and its Serial Monitor or Plotter keeps → delimited text. Knows no unit and no motor.
 
 millis:20 voltage:5.00 rpm:61.4    voltage:5.00,rpm:61.4    12:03:07.250 -> voltage:5.00 rpm:61    12:03:07.250 -> 5.00
+t=0.02, v=5.00
 """
 
 from __future__ import annotations
@@ -10,7 +11,9 @@ from collections.abc import Callable, Sequence
 
 LOOKED_AT = 50  # lines that show how all are written
 _STAMP = re.compile(r"\s*(\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?)\s*->\s*")
-_PAIR = re.compile(r"([^\W\d][^:,;\t]*?)\s*:\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|nan|ovf|inf)(?:[\s,;]+|$)", re.I)
+_PAIR = re.compile(
+    r"([^\W\d][^:=,;\t]*?)\s*[:=]\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|nan|ovf|inf)(?:[\s,;]+|$)", re.I
+)
 
 
 def are_serial(lines: Sequence[str]) -> bool:
@@ -66,7 +69,7 @@ def _pairs(line: str) -> dict[str, str]:
             return {}
         pairs[found[1]] = found[2] if found[2][-1].isdigit() or found[2][-1] == "." else ""
         text = text[found.end() :]
-    return pairs
+    return {} if len(pairs) == 1 and "=" in line else pairs  # a setting: "rate = 1000"
 
 
 def _stamped(line: str) -> str:

@@ -33,6 +33,8 @@ RESTARTS = 3  # rows of the first at which a time may stand still or begin anew
 SKIPPED = ("", "#", "%")  # first characters of empty lines and comments
 _LIKE_A_NUMBER = re.compile(r"[-+]?[.,]?\d[-+\d.,:/eEdDTZ ]*")  # or a time of day, or a date
 
+_WITH_UNIT = re.compile(r"[-+]?[\d.,]+\s?[^\s\d.,]{1,8}")  # "10.5 V"
+
 
 @dataclass(frozen=True)
 class HeaderRules:
@@ -104,7 +106,9 @@ def words_below(
         cells = split_cells(lines[k], delimiter)
         if units is None and rules.is_units(cells):
             units = cells
-        elif any(_LIKE_A_NUMBER.fullmatch(cell) for cell in cells) or not any(map(is_word, cells)):
+        elif any(_LIKE_A_NUMBER.fullmatch(cell) for cell in cells) or all(
+            map(_WITH_UNIT.fullmatch, filter(is_word, cells))
+        ):
             break
         words += 1
     return units, words

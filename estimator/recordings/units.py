@@ -129,6 +129,7 @@ _WORDS: tuple[tuple[str, float, float, float, str], ...] = (
     ("electrical speed", 1, 1, 0, "erad/s"),
     ("angular speed", 2 * math.pi, 1, 0, "rps r/s rev/s revs/s rev/sec turns/s turn/s rot/s"),
     ("angular speed", math.pi, 180, 0, "deg/s deg/sec degs/s degree/s degrees/s dps deg.s-1 deg/seg"),
+    ("speed", 1e3, 3600, 0, "km/h kmh kph"),
     ("angle", 1, 1, 0, "rad rads radian radians"),
     ("angle", math.pi, 180, 0, "deg degs degree degrees"),
     ("angle", 2 * math.pi, 1, 0, "rev revs revolution revolutions turn turns"),
