@@ -47,6 +47,8 @@ SHEETS = {
         ["s", "V", "A", "rpm"],
         *ROWS,
     ],
+    "groups above the names": [["Time", "Electrical", None, "Mechanical"], HEADER, *ROWS],
+    "a time that spans both rows": [["time [s]", "Motor", None, None], [None, *HEADER[1:]], *ROWS],
     "milliseconds": [["t [ms]", *HEADER[1:]], *([1e3 * row[0], *row[1:]] for row in ROWS)],
     "dates": [["timestamp", *HEADER[1:]], *([NOON + datetime.timedelta(seconds=r[0]), *r[1:]] for r in ROWS)],
     "times of day": [

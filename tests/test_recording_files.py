@@ -54,6 +54,17 @@ SHAPES = {
         "Ts": 1e-3,
     },
     "vectors with units": {**VECTORS, "w": RPM, "units": {"w": "rpm", "t": "s"}},
+    "dSPACE's recorder": {
+        "rec_1": {
+            "X": {"Name": "time", "Data": TIME},
+            "Y": [
+                {"Name": 'Model Root/"armature"/voltage/Out1', "Unit": "V", "Data": V},
+                {"Name": "Model Root/current\\Out1", "Unit": "A", "Data": CURRENT},
+                {"Name": "Model Root/speed/Value", "Unit": "rpm", "Data": RPM},
+            ],
+            "Description": {"General": {"Version": "1"}},
+        }
+    },
     "tout": {"tout": TIME, "voltage": V, "current": CURRENT, "speed": W},
     "a matrix": {**MATRIX, "units": ["s", "V", "A", "rpm"]},
     "a matrix lying": {**MATRIX, "data": MATRIX["data"].T, "units": ["s", "V", "A", "rpm"]},
@@ -319,3 +330,11 @@ def test_signals_of_one_sample_each_are_put_on_one_clock(tmp_path: Path) -> None
     np.testing.assert_array_equal(time, [0.5, 1.0])
     np.testing.assert_array_equal(v, [np.nan, 1.0])
     np.testing.assert_array_equal(i, [0.5, np.nan])
+
+
+def test_simulinks_tout_is_the_time_of_a_matrix_beside_it(tmp_path: Path) -> None:
+    as_v5(tmp_path / "run3.mat", {"tout": TIME, "yout": np.column_stack([V, CURRENT, W])})
+    roles = {"v": "yout column 1", "i": "yout column 2", "w": "yout column 3"}
+    recording = read_recording(tmp_path / "run3.mat", ReadAs(columns=roles))
+    np.testing.assert_allclose(recording.time, TIME, atol=1e-12)
+    np.testing.assert_array_equal(recording.signals[recording.roles["w"]], W)

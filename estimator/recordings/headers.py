@@ -41,7 +41,7 @@ LONGEST = 200  # characters: a longer text is no name
 # Usual names per role, best first, as `plain` gives them. A measured voltage goes before a commanded one.
 _NAMES = {
     "time": "time t zeit temps tiempo tempo t_now timestamp time_stamp elapsed_time seconds second sec s ms us x_axis"
-    " x_value millis micros elapsed uhrzeit zeitstempel datetime date_time epoch hora heure время 时间 時間",
+    " x_value millis micros elapsed uhrzeit zeitstempel datetime date_time epoch tout hora heure время 时间 時間",
     "v": "voltage armature_voltage motor_voltage terminal_voltage measured_voltage v u u_a v_a ua va"
     " u_m v_m um vm v_mot u_mot v_motor u_motor uin vin u_in v_in volts volt spannung ankerspannung"
     " motor_v motor_volts motorspannung tension tensione tensao tensão tensión voltaje applied_voltage input_voltage"

@@ -3,6 +3,7 @@
 What is found, in this order:
 
     structure with time         out.time and out.signals(k).values, .label or .blockName, as Simulink logs them
+    dSPACE's recorder           X.Data, and Y(k).Name, Y(k).Data
     signals with own clocks     i.Time and i.Data (a time series as a structure), or i = [time, value]
     vectors                     t, v, i, w of one length, in the file or in one structure
     a matrix and its names      data (n × m) beside m names, and m units where they are given
@@ -11,6 +12,7 @@ What is found, in this order:
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -26,6 +28,7 @@ from estimator.recordings.units import FloatArray, parse_unit
 HDF5 = b"\x89HDF\r\n\x1a\n"
 TEXT = b"MATLAB 5.0 MAT-file"
 REMEDY = "save the vectors time, voltage, current and speed, or a structure of them"
+_PORT = re.compile(r"(Out|In|Value)?\d*")  # of a block, the last part of a path
 MIN_ROWS = 3
 SIGNALS = ("v", "i", "w")
 MOVING = (("v",), ("i",), ("w", "angle"))  # what a motor's recording has, one or the other
@@ -48,7 +51,7 @@ def read_mat(path: Path, head: bytes) -> Columns:
     if found := _structure_with_time(content):
         return on_one_clock(path, found)
     groups = [group for _, group in _groups(content, ())]
-    for reading in (_own_clocks, partial(_vectors, path), partial(_matrix, path)):
+    for reading in (_recorder, _own_clocks, partial(_vectors, path), partial(_matrix, path)):
         for group in groups:
             signals = reading(group)
             if signals:
@@ -174,10 +177,26 @@ def _entries(signals: Any) -> list[Mapping[str, Any]]:
     """Return the elements of a structure array: a list of structures, or a structure of lists."""
     if isinstance(signals, Mapping):
         columns = {name: value for name, value in signals.items() if isinstance(value, list)}
-        if "values" in columns:
-            return [{name: v[k] for name, v in columns.items() if k < len(v)} for k in range(len(columns["values"]))]
+        if held := columns.get("values", columns.get("Data")):
+            return [{name: v[k] for name, v in columns.items() if k < len(v)} for k in range(len(held))]
         return [signals]
     return [entry for entry in np.ravel(np.asarray(signals, dtype=object)).tolist() if isinstance(entry, Mapping)]
+
+
+def _recorder(group: Mapping[str, Any]) -> list[Signal]:
+    """Return the signals of dSPACE's recorder: ``Y(k).Data``, each on the clock ``X(j).Data`` of its length."""
+    clocks = [time for entry in _entries(group.get("X")) if (time := _vector(entry.get("Data"))) is not None]
+    found = [(entry, y) for entry in _entries(group.get("Y")) if (y := _vector(entry.get("Data"))) is not None]
+    paths = [_text(entry.get("Name")) or f"Y({k + 1})" for k, (entry, _) in enumerate(found)]
+    blocks = [[part.strip(' "{}') for part in re.split(r"[/\\]", path)] for path in paths]  # "Model Root/w/Out1"
+    names = [
+        next((part for part in reversed(b) if not _PORT.fullmatch(part)), p) for b, p in zip(blocks, paths, strict=True)
+    ]
+    return [
+        Signal(_with_unit(name, _text(entry.get("Unit"))), y, time)
+        for name, (entry, y) in zip(distinct(names, paths), found, strict=True)
+        for time in [clock for clock in clocks if len(clock) == len(y)][:1]
+    ]
 
 
 def _own_clocks(group: Mapping[str, Any]) -> list[Signal]:
@@ -275,13 +294,7 @@ def _without_clock(group: Mapping[str, Any]) -> Columns | None:
 
 def _clock(names: list[str]) -> str | None:
     """Return the name that is likeliest the time's."""
-    usual = {"tout": len(names)}
-    ranks = [
-        (rank, name)
-        for name in names
-        if (rank := rank_in_role(parse_header(name).name, "time")) is not None
-        or (rank := usual.get(name.lower())) is not None
-    ]
+    ranks = [(rank, name) for name in names if (rank := rank_in_role(parse_header(name).name, "time")) is not None]
     return min(ranks)[1] if ranks else None
 
 

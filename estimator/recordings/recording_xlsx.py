@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import itertools
 import warnings
 import zipfile
 from collections.abc import Sequence
@@ -15,6 +16,7 @@ from estimator.errors import RecordingError, to_install
 from estimator.recordings.columns import Columns
 from estimator.recordings.headers import are_units, parse_header, role_of
 from estimator.recordings.recording import MIN_SAMPLES
+from estimator.recordings.text_cells import is_word
 from estimator.recordings.units import FloatArray
 
 MAGIC = b"PK\x03\x04"  # of any ZIP archive
@@ -88,6 +90,12 @@ def _columns(where: str, at: int, rows: list[Row]) -> Columns:
     width = max(map(len, rows))
     texts = [_text(cell) for cell in rows[at]] if at >= 0 else [f"column {j + 1}" for j in range(width)]
     first = at + 1
+    while (
+        at >= 0 and first < len(rows) and _has_names(rows[first])
+    ):  # of groups, in cells that span several, names below
+        below = [_text(cell) for cell in rows[first]]
+        texts = [b or a for a, b in itertools.zip_longest(texts, below, fillvalue="")]
+        first += 1
     if first < len(rows) and are_units([_text(cell) for cell in rows[first]]):
         for j, unit in enumerate(_text(cell).strip("[]() ") for cell in rows[first][: len(texts)]):
             if unit and parse_header(texts[j]).unit_text is None:
@@ -162,6 +170,14 @@ def _above_numbers(rows: Sequence[Row]) -> int:
     first = next(k for k, row in enumerate(rows) if _has_number(row))
     named = [k for k in range(first) if any(_text(cell) for cell in rows[k])]
     return next((k for k in reversed(named) if not are_units([_text(cell) for cell in rows[k]])), -1)
+
+
+def _has_names(row: Row) -> bool:
+    """Return whether a row below a header holds names again, and not units or samples."""
+    texts = [_text(cell) for cell in row if is_word(_text(cell))]
+    if len(texts) < 2 or are_units(texts) or not all(isinstance(cell, str | None) for cell in row):
+        return False
+    return all(np.isnan(_number(text)) for text in texts) and any(role_of(parse_header(text).name) for text in texts)
 
 
 def _has_time(row: Row) -> bool:
