@@ -438,3 +438,8 @@ def test_a_speed_in_kilometres_an_hour_needs_the_wheel(tmp_path: Path) -> None:
     assert "or say with --per-turn how many metres a turn goes" in sentence(path)
     (recording,) = recordings_in(path, ReadAs(per_turn=0.1 * np.pi))
     np.testing.assert_allclose(recording.signals[motor_columns(recording, required=("w",))["w"]], W, atol=1e-6)
+
+
+def test_an_input_of_iddata_without_a_name_is_suggested(tmp_path: Path) -> None:
+    assert "is it 'u1'?" in sentence(save(tmp_path, "time,u1,y1", TIME, V, W))
+    assert "is it" not in sentence(save(tmp_path, "time,u1,u2,y1", TIME, V, V, W))

@@ -255,7 +255,11 @@ def _meant(recording: Recording, role: str, taken: Collection[str], *, by_unit: 
     if not near and role == "v":
         near = [h.text for h in fitting if plain(h.name) in SUPPLY]
     if not near and role == "v":
-        worded = [h.text for h in fitting if _words(h.name) & DRIVE or _words(h.text) & VOLTS]
+        worded = [
+            h.text
+            for h in fitting
+            if _words(h.name) & DRIVE or _words(h.text) & VOLTS or (h.unit is None and SYMBOL.match(plain(h.name)))
+        ]
         worded = [text for text in worded if not _words(text) & SUPPLY]
         near = worded if len(worded) == 1 else []
     if near or not by_unit:
