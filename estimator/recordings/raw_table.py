@@ -143,7 +143,9 @@ def _read_text(path: Path, read_as: ReadAs) -> RawTable:
     for j in table.bad:
         header = parse_header(texts[j])
         is_clock = role_of(header.name) == "time" or read_as.columns.get("time") in (header.name, str(j + 1))
-        if header.unit_text is None and not is_clock and (split := _with_one_unit(list(table.text(j)))) is not None:
+        if header.unit_text is not None or is_clock or not _WITH_UNIT.fullmatch(table.bad[j].text):
+            continue
+        if (split := _with_one_unit(list(table.text(j)))) is not None:
             columns[j], unit = split
             texts[j] = f"{header.name} [{unit}]"
             del bad[j]
