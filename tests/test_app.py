@@ -519,3 +519,18 @@ def test_the_app_without_its_extra_says_what_to_install(capsys, monkeypatch):
     monkeypatch.delitem(sys.modules, "estimator.app.server", raising=False)
     assert main(["app"]) == 2
     assert "pip install 'fmu-estimator[app]'" in capsys.readouterr().err
+
+
+def test_columns_of_each_recording_are_put_on_signals_by_their_own_names(folder):
+    t = np.arange(100) * 1e-3
+    for name, header in (("one.csv", "time,voltage,speed"), ("two.csv", "Zeit;Spannung in V;Drehzahl in rpm;Nr")):
+        rows = np.column_stack([t, t > 0.05, t, *([t] if "Nr" in header else [])])
+        mark = ";" if ";" in header else ","
+        (folder / name).write_text("\n".join([header, *(mark.join(f"{x:g}" for x in row) for row in rows)]))
+    service = Service(folder)
+    owns = [
+        {c["name"]: c["own"] for c in service.recording_facts(name, 0)["columns"]} for name in ("one.csv", "two.csv")
+    ]
+    service.close()
+    assert owns[0] == {"voltage": "inputs v", "speed": "outputs w"}
+    assert owns[1] == {"Spannung": "inputs v", "Drehzahl": "outputs w", "Nr": ""}

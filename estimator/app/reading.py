@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from estimator.app.series import Series, gaps, outliers
+from estimator.errors import RecordingError
 from estimator.recordings.headers import ROLE_TITLE, parse_header, rank_in_role
+from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import Recording
 
@@ -58,7 +60,7 @@ def facts(recording: Recording, *, written: Mapping[str, str]) -> dict[str, Any]
     ----------
     written : column → its header in the file, where a unit was said that may be another
     """
-    series = series_of(recording)
+    series, own = series_of(recording), _usual_targets(recording)
     return {
         "title": recording.title,
         "samples": len(recording.time),
@@ -67,8 +69,20 @@ def facts(recording: Recording, *, written: Mapping[str, str]) -> dict[str, Any]
         "step": recording.step,
         "even": recording.even,
         "missing_rows": recording.missing_rows,
-        "columns": [_column(recording, series, name, written.get(name)) for name in recording.headers],
+        "columns": [
+            _column(recording, series, name, written.get(name)) | {"own": own.get(name, "")}
+            for name in recording.headers
+        ],
     }
+
+
+def _usual_targets(recording: Recording) -> dict[str, str]:
+    """Return what each column is put on where the case does not say it: column → "inputs v"."""
+    try:
+        found = motor_columns(recording, required=[])
+    except RecordingError:
+        return {}
+    return {column: f"{'inputs' if role in ('v', 'load') else 'outputs'} {role}" for role, column in found.items()}
 
 
 def _column(recording: Recording, series: Series, name: str, written: str | None) -> dict[str, Any]:

@@ -233,7 +233,8 @@ export class DataPage {
 
   // What a column is put on: "input v", or nothing.
   target(column) {
-    const { mapping } = this.app.state;
+    const { mapping, mapped } = this.app.state;
+    if (!mapped) return column.own ?? "";
     for (const causality of ["inputs", "outputs"]) {
       for (const [name, text] of Object.entries(mapping[causality])) {
         if (text === column.header || text === column.name || text.replace(/\s*\[[^\]]*\]$/, "") === column.plain) return `${causality} ${name}`;
