@@ -8,9 +8,10 @@ import pytest
 from estimator.conventions import CONFIDENCE
 from estimator.distributions import normal_chance, normal_quantile
 from estimator.explaining.addition import Addition, Scores
-from estimator.explaining.averaging import _beside, _covering, averaged
+from estimator.explaining.averaging import _beside, averaged
 from estimator.explaining.effects.base import Effect
 from estimator.explaining.explanation import Explanation
+from estimator.explaining.mixture import Mixture, covering
 from estimator.fitting.projection import Projection
 from estimator.fitting.score_test import ScoreTest
 
@@ -35,7 +36,7 @@ def test_the_errors_of_a_mixture_hold_what_they_say_however_far_its_parts_lie(fa
         means = np.vstack([np.zeros(4), far * rng.standard_normal((5, 4))])
         variances = 10.0 ** rng.uniform(-3, 1, (6, 4))
         total = np.einsum("k,ki,kj->ij", weights, means, means) + np.diag(weights @ variances)
-        scaled = _covering(total, weights, list(means), list(variances))
+        scaled = covering(total, np.tile(weights[:, None], 4), means, variances)
         assert held(np.sqrt(np.diag(scaled)), weights, means, variances) == pytest.approx(CONFIDENCE, abs=1e-9)
         correlation, before = (c / np.sqrt(np.outer(np.diag(c), np.diag(c))) for c in (scaled, total))
         assert correlation == pytest.approx(before, abs=1e-12)
@@ -43,20 +44,48 @@ def test_the_errors_of_a_mixture_hold_what_they_say_however_far_its_parts_lie(fa
 
 def test_of_one_explanation_the_errors_are_its_own():
     variance = np.array([4.0, 1e-20, 0.0])
-    scaled = _covering(np.diag(variance), np.ones(1), [np.zeros(3)], [variance])
+    scaled = covering(np.diag(variance), np.ones((1, 3)), np.zeros((1, 3)), variance[None, :])
     assert np.diag(scaled) == pytest.approx(variance, rel=1e-13)
 
 
 def test_an_error_ends_at_a_part_that_has_none_where_that_brings_what_is_missing():
-    means, variances = [np.zeros(1), np.array([7.0])], [np.ones(1), np.zeros(1)]
+    means, variances = np.array([[0.0], [7.0]]), np.array([[1.0], [0.0]])
     for chance, end in ((0.5, 7.0), (0.01, None)):
         weights = np.array([1 - chance, chance])
         total = np.array([[weights @ [1.0, 49.0]]])
-        half = normal_quantile(0.5 + CONFIDENCE / 2) * float(np.sqrt(_covering(total, weights, means, variances)[0, 0]))
+        covered = covering(total, weights[:, None], means, variances)
+        half = normal_quantile(0.5 + CONFIDENCE / 2) * float(np.sqrt(covered[0, 0]))
         if end is not None:
             assert half == pytest.approx(end)
         else:
             assert (1 - chance) * (2 * normal_chance(np.array([half]))[0] - 1) == pytest.approx(CONFIDENCE)
+
+
+def mixed(moving, still, odds=0.5):
+    """Return the variance of two parameters of variance 1: additions move the first by 3, `still` more move nothing."""
+    mixture = Mixture(np.eye(2))
+    behind = -2 * np.log(odds)
+    for _ in range(moving):
+        mixture.add(behind, np.array([3.0, 0.0]), np.zeros((2, 2)))
+    for _ in range(still):
+        mixture.add(behind, np.array([0.0, 0.01]), np.zeros((2, 2)))
+    return np.diag(mixture.covariance())
+
+
+def test_additions_that_move_nothing_do_not_make_another_less_likely():
+    few, many = mixed(1, 0), mixed(1, 40)
+    assert many == pytest.approx(few, rel=1e-12) and few[0] > 3 and few[1] == pytest.approx(1.0)
+
+
+def test_rivals_and_additions_are_possible_together():
+    """Variance of  a 3 + b 2,  a and b independent with odds 1 to 2 and 1 to 1, before it is scaled to hold 95 %."""
+    mixture = Mixture(np.eye(1))
+    mixture.add(-2 * np.log(0.5), np.array([3.0]), np.zeros((1, 1)))
+    mixture.add_rival(0.0, np.array([2.0]), np.eye(1))
+    chances = np.outer([2 / 3, 1 / 3], [1 / 2, 1 / 2]).reshape(-1, 1)
+    means = np.add.outer([0.0, 3.0], [0.0, 2.0]).reshape(-1, 1)
+    exact = covering(np.atleast_2d(1 + chances[:, 0] @ means[:, 0] ** 2), chances, means, np.ones((4, 1)))
+    assert mixture.covariance() == pytest.approx(exact) and mixture.weights() == pytest.approx([0.5, 0.5])
 
 
 def explained(runs, columns, drifts, y, small=0.0):

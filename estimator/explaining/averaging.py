@@ -1,14 +1,13 @@
 """Model averaging: rivals, and additions not accepted, widen the standard errors by their weights. Knows no effect.
 
 Explanation m weighs exp(-c_m / 2), c_m its evidence above the best's. The values stay the best explanation's, so that
-what follows from them is consistent; their covariance is  sum w_m (C_m + (x_m - x)(x_m - x)')  about them (Buckland,
-Burnham and Augustin 1997; Hoeting et al. 1999), each parameter scaled to hold 95 % of the mixture. Of an addition that
-was not accepted the score test tells x_m and C_m without a refit. Its number has a usual size as prior deviation, so
-that its penalty is log det (I + information), not log n (MacKay 1992). So an effect that the recording hardly shows,
-and that would move a parameter far, widens the standard errors although it was not accepted. An effect whose usual size
-would not show at all is left out: no such recording can tell it. Up to which size an effect hides, and how far it then
-moves the parameters, is reported (`hidden`), and belongs into the tolerances. The sizes of a torque that wanders which
-are left open are averaged over, too: with each the parameters have another covariance.
+what follows from them is consistent; their covariance is that of the mixture about them (`mixture`). Of an addition
+that was not accepted the score test tells its parameters and their covariance without a refit. Its number has a usual
+size as prior deviation, so that its penalty is log det (I + information), not log n (MacKay 1992). An effect that the
+recording hardly shows, and that would move a parameter far, widens the standard errors although it was not accepted. An
+effect whose usual size would not show at all is left out: no such recording can tell it. Up to which size an effect
+hides, and how far it then moves the parameters, is reported (`hidden`), and belongs into the tolerances. The sizes of a
+torque that wanders which are left open are averaged over, too: with each the parameters have another covariance.
 
 What each recording has of its own, such as friction that drifts, is possible in one of them, and alike in all: one
 alone may move no parameter, because the others hold it, where all together do.
@@ -16,17 +15,16 @@ alone may move no parameter, because the others hold it, where all together do.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.conventions import CONFIDENCE, TOLD_POWER
-from estimator.distributions import normal_chance, normal_quantile
+from estimator.conventions import TOLD_POWER
 from estimator.explaining.addition import Addition, Scores, is_timing
 from estimator.explaining.explanation import Explanation
+from estimator.explaining.mixture import Mixture
 from estimator.explaining.wandering_torque import OpenTorque
 from estimator.fitting.simulator import per_recording
 from estimator.noise.in_parts import products
@@ -38,9 +36,6 @@ VISIBLE = 1.0  # of z'z, by an effect of usual size: a smaller one is not visibl
 LARGER = 1.25  # times its usual size: an effect that hides up to more is told to hide beyond the usual one
 TOLD_WITHIN = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
 FARTHEST = 50.0  # of a logarithm: a rival's parameter is no further away
-TAIL = 0.01  # of the mixture: what weighs less together is left out
-FAR = 40.0  # standard deviations, beyond which there is nothing
-FOUND, NEAR = 1e-14, 1e-9  # of half an interval, relative, and of what it holds: it is found
 DIFFERS, SMALL = 1.0, 1e-3  # standard errors, and part of a parameter, by which a rival must differ to be told: less
 # than a thousandth is in the bars, and below what any sensor's gain is off by
 ELSEWHERE, FAR_WITHIN = 10.0, 10.0  # standard errors; of the criterion: of another timing of its channels one so far
@@ -56,7 +51,7 @@ class WeighedRival:
     apart : standard errors that it lies away, in the parameter that it moves most
     parameter : that parameter's name
     behind : its evidence above the best explanation's; below 0 where it is the more likely one
-    weight : its part of the mixture, of all that is left open
+    weight : its part of what is likely, of all explanations that are
     """
 
     explanation: Explanation
@@ -122,7 +117,7 @@ def averaged(
     inside = fit.at_bound == 0
     covariance, untold = fit.covariance_parts()
     own = fit.simulator.scaled(fit.values)[:p]
-    parts: list[tuple[float, FloatArray, FloatArray]] = [(0.0, own, covariance[:p, :p])]
+    mixture = Mixture(covariance[:p, :p])
     hidden = []
     fuller = {
         next(iter(more)) for r in rivals if len(more := r.names() - explanation.names()) == 1 and _holds(r, explanation)
@@ -144,19 +139,17 @@ def averaged(
             if part == 1.0 or part**2 * power > VISIBLE:
                 size, spread, behind = a.posterior(part)
                 moved = part * off
-                parts.append((max(behind, 0.0), own - moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
-    parts += [(max(t.behind, 0.0), own, t.covariance) for t in torques]
-    told, by_itself = [], list(parts)
+                mixture.add(behind, -moved @ size, moved @ spread @ moved.T)
+    for t in torques:
+        mixture.add(t.behind, np.zeros(p), t.covariance - covariance[:p, :p])
+    told = []
     deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p] + beside, 1e-300))
-    for rival in rivals:
+    for number, rival in enumerate(rivals, start=1):
         behind = rival.evidence(samples) - explanation.evidence(samples)
         there, other = _beside(own, rival, fit.is_log[:p])
         if untold[:p, :p].any():
             there, other = _beside_combinations(explanation, rival) or (there, other)
-        first = len(parts)
-        parts += [  # what may be added, or not, may be so beside each rival
-            (max(behind, 0.0) + charge, there + x - own, other + c - covariance[:p, :p]) for charge, x, c in by_itself
-        ]
+        mixture.add_rival(behind, there - own, other)
         with np.errstate(invalid="ignore"):
             apart = np.abs(there - own) / np.where(np.isfinite(deviation), deviation, np.inf)
         least = SMALL * np.where(fit.is_log[:p], 1.0, np.abs(own))
@@ -166,20 +159,13 @@ def averaged(
         farthest = float(np.max(apart, initial=0.0))
         is_near = behind < TOLD_WITHIN and farthest > DIFFERS and not held
         if is_near or (behind < FAR_WITHIN and farthest > ELSEWHERE and _differ_in_timing(rival, explanation)):
-            told.append((rival, first, farthest, names[int(np.argmax(apart))], float(behind)))
-    weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))
-    weights /= weights.sum()
-    of_rival = [float(weights[first : first + len(by_itself)].sum()) for _, first, _, _, _ in told]
-    order = np.argsort(weights)
-    weights[order[np.cumsum(weights[order]) < TAIL]] = 0.0  # many small weights would change all correlations
-    weights /= weights.sum()
-    total = np.sum([w * (c + np.outer(x - own, x - own)) for w, (_, x, c) in zip(weights, parts, strict=True)], axis=0)
-    total = _covering(total, weights, [x - own for _, x, _ in parts], [np.diag(c) for _, _, c in parts])
+            told.append((rival, number, farthest, int(np.argmax(apart)), float(behind)))
+    total, weights = mixture.covariance(), mixture.weights()
     held = ~inside[:p]
     total[held] = total[:, held] = 0.0
     rivals_told = tuple(
-        WeighedRival(r, apart, name, behind, weight)
-        for weight, (r, _, apart, name, behind) in zip(of_rival, told, strict=True)
+        WeighedRival(r, apart, names[j], behind, float(weights[number]))
+        for r, number, apart, j, behind in told
         if behind <= min(u[4] for u in told if _effects(u[0]) == _effects(r))  # of alike ones one
     )
     return Averaged(total, tuple(hidden), rivals_told)
@@ -281,34 +267,3 @@ def _numbers(explanation: Explanation) -> dict[str, float]:
     fit = explanation.fit
     whole = {n.name for n in fit.simulator.nuisances if n.whole}
     return {a.name: fit.value(a.name) if a.name in whole else 0.0 for a in explanation.additions}
-
-
-def _covering(
-    total: FloatArray, weights: FloatArray, means: Sequence[FloatArray], variances: Sequence[FloatArray]
-) -> FloatArray:
-    """Return a mixture's covariance scaled so that 1.96 standard errors hold 95 % of it, as those of a normal one do.
-
-    Otherwise an unlikely rival far away would widen the interval without bound, and a likely one not enough.
-    """
-    some = weights > 0  # the others add nothing
-    weights = weights[some]
-    mean, deviation = np.array(means)[some], np.sqrt(np.maximum(np.array(variances)[some], 1e-300))
-    quantile = normal_quantile(0.5 + CONFIDENCE / 2)
-    low, high = np.zeros(len(total)), np.max(np.abs(mean) + 10 * deviation, axis=0)
-    wide = np.minimum(quantile * np.sqrt(np.maximum(np.diag(total), 1e-300)), high)
-    for _ in range(100):  # Newton's; where that leaves what is known to hold it, halves of that
-        ahead, behind = (np.clip(x / deviation, -FAR, FAR) for x in (wide - mean, wide + mean))
-        inside = weights @ (normal_chance(ahead) - normal_chance(-behind))
-        slope = weights @ ((np.exp(-0.5 * ahead**2) + np.exp(-0.5 * behind**2)) / deviation) / math.sqrt(2 * math.pi)
-        low, high = np.where(inside < CONFIDENCE, wide, low), np.where(inside < CONFIDENCE, high, wide)
-        step = (CONFIDENCE - inside) / np.maximum(slope, 1e-300)
-        still = np.abs(step) <= FOUND * wide
-        there = (still & (np.abs(inside - CONFIDENCE) < NEAR)) | (high - low <= FOUND * high)
-        if there.all():
-            break
-        lost = still | ~((wide + step >= low) & (wide + step <= high))
-        wide = np.where(there, wide, np.where(lost, 0.5 * (low + high), wide + step))
-    wanted = wide / quantile
-    now = np.sqrt(np.maximum(np.diag(total), 1e-300))
-    scale = np.where(np.diag(total) > 0, wanted / now, 1.0)
-    return np.asarray(total * np.outer(scale, scale))
