@@ -44,7 +44,7 @@ from estimator.explaining.rivals import settled, simulated_finely
 from estimator.explaining.selection import Selection
 from estimator.explaining.selection_of_plan import may_be_replaced, selection_of
 from estimator.explaining.wandering_torque import OpenTorque, hidden_torque, with_wandering_torque
-from estimator.fitting.effort import Effort
+from estimator.fitting.effort import OF_ADDITIONS, Effort
 from estimator.fitting.fit import Fit
 from estimator.fitting.latency import with_latencies
 from estimator.fitting.lateness import lateness
@@ -202,7 +202,9 @@ def explain(
         explanation = selection.explain(starts, begun)
     checked = adequacy(explanation.fit, len(plan.names))
     if not briefly and (checked.failures or explanation.additions):
-        explanation, checked = by_all_rows(selection, explanation, checked)
+        selection, usual = _without_seldom(selection, explanation, partial(begin, plan), starts)
+        checked = checked if usual is explanation else adequacy(usual.fit, len(plan.names))
+        explanation, checked = by_all_rows(selection, usual, checked)
     rivals: list[Explanation] = []
     open_additions: Sequence[Addition] = ()
     torques: Sequence[OpenTorque] = ()
@@ -234,6 +236,25 @@ def explain(
         changed.append(Found(ways[0].effect, "", ways[0].told, ""))
     samples = selection.tests.samples
     return _explained(plan, explanation, checked, rivals, (open_additions, torques), samples, changed, (turned, ways))
+
+
+def _without_seldom(
+    selection: Selection, explanation: Explanation, begin: Callable[..., Selection], starts: Sequence[FloatArray]
+) -> tuple[Selection, Explanation]:
+    """Return a selection and what explains the recordings best: without what is too seldom together, where that is it.
+
+    Effects that were found early stand in for others, and then need each other: taken away one by one, each is missed.
+    """
+    fit, n, best = explanation.fit, selection.tests.samples, (selection, explanation)
+    errors = np.sqrt(np.maximum(np.diag(fit.covariance()), 1e-300))[: len(fit.simulator.plan.names)]
+    for effect in [a.effect for a in seldom_together(explanation, errors)]:
+        if selection.effort.is_spent(part=OF_ADDITIONS):
+            break
+        other = begin(effects=tuple(e for e in selection.effects if e.name != effect.name))
+        found = other.explain(starts)
+        if found.criterion(n) < by_noise_of(found, best[1]).criterion(n):
+            best = dataclasses.replace(other, effects=selection.effects), found
+    return best
 
 
 def _read_at_sight(
