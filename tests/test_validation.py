@@ -137,6 +137,16 @@ def test_the_delay_of_a_channel_is_the_estimates_and_frees_none_of_the_recording
     assert not found.validation.chain
 
 
+def test_a_turned_voltage_of_another_recording_is_told_first(made):
+    columns = two_steps(9)
+    columns["voltage [V]"] = -columns["voltage [V]"]
+    turned = recording_from_arrays("turned", columns.pop("time [s]"), columns)
+    found = validated(made[1], made[0], recordings=[turned])
+    first, other = found.reasons
+    assert found.verdict == "doubtful" and "check the sign of the voltage" in first and "would have other" in other
+    assert first not in found.notes
+
+
 def test_a_refused_estimate_is_not_validated(made, other):
     case, result = made
     refused = dataclasses.replace(result, verdict="refused", parameters={})

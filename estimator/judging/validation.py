@@ -32,6 +32,7 @@ from estimator.fmus.workers import Workers
 from estimator.judging.other_values import other_values
 from estimator.judging.outcome import comparisons, figures
 from estimator.judging.reading import what_was_read
+from estimator.judging.refusal import implausible_reason
 from estimator.noise.noise_model import NoiseModel
 from estimator.plans.noise_level import output_deviations
 from estimator.plans.plan import Plan
@@ -53,7 +54,7 @@ def validated(
 ) -> Estimate:
     """Return the estimate with how well its model explains other recordings.
 
-    If these contradict its parameters, the verdict is doubtful.
+    If these contradict its parameters, or are implausible by themselves, the verdict is doubtful.
 
     Parameters
     ----------
@@ -92,14 +93,15 @@ def validated(
         simulations, steps = crew.simulations, crew.steps
     compared = comparisons(plan, [held.explained[clock.rows] for clock in held.simulator.clocks])
     rmse, fit = figures(plan, compared)
-    reasons = estimate.reasons
+    implausible = [implausible_reason(o, f) for o in plan.observed for f in o.findings if f.is_fatal]
+    reasons = (*estimate.reasons, *implausible)
     if others is not None and others.chance < FALSE_ALARM:
         titles = " and ".join(o.recording.title for o in plan.observed)
         reasons = (*reasons, others.sentence(titles))
     return dataclasses.replace(
         estimate,
         read=(*estimate.read, *what_was_read(plan)),
-        notes=(*estimate.notes, *(f.sentence for o in plan.observed for f in o.findings)),
+        notes=(*estimate.notes, *(f.sentence for o in plan.observed for f in o.findings if not f.is_fatal)),
         verdict="ok" if not reasons else "doubtful",
         reasons=reasons,
         validation=Validation(
