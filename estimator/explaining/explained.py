@@ -244,6 +244,7 @@ def _without_seldom(
     """Return a selection and what explains the recordings best: without what is too seldom together, where that is it.
 
     Effects that were found early stand in for others, and then need each other: taken away one by one, each is missed.
+    What has to be doubted by itself is no way out.
     """
     fit, n, best = explanation.fit, selection.tests.samples, (selection, explanation)
     errors = np.sqrt(np.maximum(np.diag(fit.covariance()), 1e-300))[: len(fit.simulator.plan.names)]
@@ -252,7 +253,8 @@ def _without_seldom(
             break
         other = begin(effects=tuple(e for e in selection.effects if e.name != effect.name))
         found = other.explain(starts)
-        if found.criterion(n) < by_noise_of(found, best[1]).criterion(n):
+        is_sound = not any(a.effect.doubt and a.name not in explanation.names() for a in found.additions)
+        if is_sound and found.criterion(n) < by_noise_of(found, best[1]).criterion(n):
             best = dataclasses.replace(other, effects=selection.effects), found
     return best
 

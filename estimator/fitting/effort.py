@@ -5,6 +5,7 @@ from __future__ import annotations
 from estimator.plans.plan import Plan
 
 MOST_SAMPLES = 520_000_000  # of all outputs, shown for one explanation: half a minute or a minute
+FURTHER = 0.5  # of it, for each further recording: what it has of its own is looked for, too
 EACH = 5000  # samples that a candidate costs beside its own, roughly: short recordings have no more time than long ones
 LEAST_CANDIDATES = 1000  # that are shown at least, however long the recordings are
 A_SAMPLE = 5  # steps that cost as much as a sample that is shown, roughly
@@ -22,7 +23,8 @@ class Effort:
 
     def __init__(self, plan: Plan) -> None:
         samples = len(plan.outputs) * sum(len(o.recording.time) for o in plan.observed)
-        self._left = self._most = max(MOST_SAMPLES, LEAST_CANDIDATES * samples)
+        most = round(MOST_SAMPLES * (1 + FURTHER * (len(plan.observed) - 1)))
+        self._left = self._most = max(most, LEAST_CANDIDATES * samples)
         self.was_spent = False
 
     def spend(self, candidates: int, samples: int, steps: int) -> None:

@@ -19,6 +19,7 @@ from estimator.recordings.signal_noise import input_noise, noise_deviation
 
 DRIVE = "dc_motor_drive"
 ROUNDED = "rounded brush drop"  # the effect that stands in the place of a drop of brushes as it is
+MOST_BRUSH = 5.0  # times its usual size: more is no drop of brushes
 MOST_SAG = 0.4  # of the voltage at the largest current: more is an overload, or the winding's resistance
 TRIED = 0.005  # of a usual size: so near signals change in proportion
 ONE_SIZE = 0.01  # voltages that differ by less, in parts, are of one size
@@ -31,6 +32,11 @@ def is_of_one_size(v: NDArray[np.float64]) -> bool:
     sizes = np.abs(v)[np.abs(v) > 0.5 * np.max(np.abs(v), initial=0.0)]
     noise = float(input_noise(v)) if len(v) else 0.0
     return not len(sizes) or float(np.std(sizes)) < max(ONE_SIZE * float(np.mean(sizes)), 2 * noise)
+
+
+def usual_drop(largest: float) -> float:
+    """Return the voltage that carbon brushes drop, V, at most a part of the largest voltage."""
+    return min(0.5, 0.05 * largest)
 
 
 def _driven(o: Observed) -> NDArray[np.bool_]:
@@ -138,7 +144,7 @@ class BrushDrop(Drive):
     name: str = "brush drop"
     target: str = "brush"
     unit: str = "V"
-    most: float = 5.0  # more is no drop of brushes
+    most: float = MOST_BRUSH
     sentence: str = "the brushes drop {value:.3g} {unit}"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
@@ -168,8 +174,8 @@ class BrushDrop(Drive):
         return float(np.mean(on)) if len(on) and (np.all(on > 0) or np.all(on < 0)) else 0.0
 
     def sizes(self, plan: Plan) -> tuple[float, ...]:
-        """Return the voltage drop of carbon brushes, at most a part of the supply."""
-        return (min(0.5, 0.05 * plan.largest("v")),)
+        """Return the voltage drop of carbon brushes."""
+        return (usual_drop(plan.largest("v")),)
 
 
 @dataclass(frozen=True)

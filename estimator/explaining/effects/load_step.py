@@ -66,7 +66,9 @@ class LoadStep(Effect):
         step, impulse = coefficients.tolist()
         late = -round(impulse / (step * clock.step) + 0.5) if step else 0  # rows
         row = group.form + int(np.clip(late, -FURTHEST, FURTHEST))
-        return _from_row(fit, group.name, clock, row) if late and 0 < row < len(clock.time) else None
+        if not late or row not in _between_changes(fit, clock, fit.simulator.inputs("v")[clock.rows]):
+            return None
+        return _from_row(fit, group.name, clock, row)
 
     def named(self, fit: Fit, group: Linear) -> str:
         """Return its name with the instant that it has been moved to."""

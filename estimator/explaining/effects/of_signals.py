@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import SELDOM, Effect
-from estimator.explaining.effects.drive import MOST_SAG, ROUNDED, is_of_one_size
+from estimator.explaining.effects.drive import MOST_BRUSH, MOST_SAG, ROUNDED, is_of_one_size, usual_drop
 from estimator.explaining.effects.voltage_rise import NOISY
 from estimator.fitting.fit import Fit, Linear, refreshed
 from estimator.fitting.motor_response import as_late, beside_current, motor_values, response, speed_of
@@ -34,7 +34,6 @@ USUAL_CHANGE = 0.05  # part by which K or L falls at the largest current, and by
 USUAL_SAG = 0.05  # of the largest voltage, at the largest current
 USUAL_EDDY, MOST_EDDY = 0.05, 0.5  # of the winding's conductance, R
 BEFORE, BEHIND = 0, 1  # forms: when a sample is taken in its row, seen from the change of the voltage
-USUAL_ROUNDED = 0.05  # of the largest voltage: a drop of brushes
 MOST_CURVE = 0.3  # part by which the largest current is shown too small
 POWERS = (1, 2)  # of the current, with which K may fall
 MOST_CHANGE = 0.8  # part by which K or L falls at the largest current
@@ -301,12 +300,12 @@ class RoundedDrop(OfSignals):
         peak = 0.0 if i is None else float(np.max(np.abs(i)))
         if i is None or not peak > 0 or BRUSH in fit.free or fit.simulator.rows > LONG:
             return
-        size = USUAL_ROUNDED * float(np.max(np.abs(fit.simulator.inputs("v"))))
+        size = usual_drop(float(np.max(np.abs(fit.simulator.inputs("v")))))
         tried = [(half, form) for half in halves for form in forms]
         shown = _drops(fit, i, [(HALF_AT[half] * peak, form) for half, form in tried])
         for k, (half, form) in enumerate(tried):
             yield Linear(
-                self.name, shown[:, :, k : k + 1], ("V",), least=0.0, most=10 * size, size=size,
+                self.name, shown[:, :, k : k + 1], ("V",), least=0.0, most=MOST_BRUSH * size, size=size,
                 one_of=len(tried), form=FORMS.index(form) + len(FORMS) * half,
             )  # fmt: skip
 
