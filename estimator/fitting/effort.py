@@ -5,7 +5,7 @@ from __future__ import annotations
 from estimator.plans.plan import Plan
 
 MOST_SAMPLES = 520_000_000  # of all outputs, shown for one explanation: half a minute or a minute
-FURTHER = 0.5  # of it, for each further recording: what it has of its own is looked for, too
+FURTHER = 0.25  # of it, for each further recording: what it has of its own is looked for, too
 EACH = 5000  # samples that a candidate costs beside its own, roughly: short recordings have no more time than long ones
 LEAST_CANDIDATES = 1000  # that are shown at least, however long the recordings are
 A_SAMPLE = 5  # steps that cost as much as a sample that is shown, roughly
