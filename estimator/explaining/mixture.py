@@ -6,7 +6,7 @@ al. 1999), each parameter scaled to hold 95 % of the mixture.
 
 An addition that leaves a parameter where it is, is left out of that parameter's mixture: with it and without it the
 parameter is the same, so that its weight belongs to both. Many such ones would make the few that move it look less
-likely. So the weights differ from parameter to parameter.
+likely. So the weights differ from parameter to parameter; correlations are those of one weight for all.
 """
 
 from __future__ import annotations
@@ -59,13 +59,17 @@ class Mixture:
         own = np.diag(self._explanations[0][2])
         moves = np.array([off**2 + np.abs(np.diag(wider)) > LITTLE**2 * own for _, off, wider in self._additions])
         moves[0] = True
-        odds = moves * np.exp(-0.5 * np.array([c for c, _, _ in self._additions]))[:, None]
-        weights = _without_tail((self.weights()[:, None, None] * odds / odds.sum(axis=0)).reshape(-1, len(own)))
         off = np.array([d + more for _, d, _ in self._explanations for _, more, _ in self._additions])
         spread = np.array([c + wider for _, _, c in self._explanations for _, _, wider in self._additions])
-        root = np.sqrt(weights)
-        total = np.einsum("na,nb,nab->ab", root, root, spread + off[:, :, None] * off[:, None, :])
-        return covering(total, weights, off, np.diagonal(spread, axis1=1, axis2=2))
+        alike = self._of_all(np.asarray(moves.any(axis=1))[:, None])[:, 0]  # one weight for all keeps the correlations
+        total = np.einsum("n,nab->ab", alike, spread + off[:, :, None] * off[:, None, :])
+        return covering(total, self._of_all(moves), off, np.diagonal(spread, axis1=1, axis2=2))
+
+    def _of_all(self, moves: NDArray[np.bool_]) -> FloatArray:
+        """Return the weight of each explanation with each addition, (n, p), of those that move something, (a, p)."""
+        odds = moves * np.exp(-0.5 * np.array([c for c, _, _ in self._additions]))[:, None]
+        weights = self.weights()[:, None, None] * odds / odds.sum(axis=0)
+        return _without_tail(weights.reshape(-1, moves.shape[1]))
 
 
 def _without_tail(weights: FloatArray) -> FloatArray:
