@@ -1,7 +1,7 @@
 /* Search over all pages, without a server: the index is a script, so that it is read from a disk as well. */
 addEventListener("DOMContentLoaded", () => {
   "use strict";
-  const MOST = 20, BEFORE = 60, AFTER = 140; // results; characters of an excerpt
+  const MOST = 20, BEFORE = 60, AFTER = 140, LONG = 2000; // results; characters of an excerpt, and of a long text
   const input = document.getElementById("mkdocs-search-query");
   const list = document.getElementById("mkdocs-search-results");
   if (!input || !list) return;
@@ -19,13 +19,14 @@ addEventListener("DOMContentLoaded", () => {
     document.head.append(script);
   };
 
-  /* All words must occur; a title counts ten times a text. */
+  /* All words must occur, and each counts: a title ten times a text, and a short text more than a long one. */
   const score = (entry, words) => {
-    let total = 0;
+    let total = 1;
     for (const word of words) {
-      const hits = 10 * (entry.head.split(word).length - 1) + Math.min(entry.low.split(word).length - 1, 9);
+      const within = Math.min(entry.low.split(word).length - 1, 9) / (1 + entry.low.length / LONG);
+      const hits = 10 * (entry.head.split(word).length - 1) + within;
       if (!hits) return 0;
-      total += hits;
+      total *= hits;
     }
     return total;
   };
