@@ -319,6 +319,13 @@ def test_a_late_current_whose_noise_begins_with_the_motor_has_not_left_its_cours
     assert _has_left(np.array([0.0, -0.021, -0.0205, -0.0212, -0.0208]), before, -10.0, 0.0017)
 
 
+def test_a_current_that_falls_as_it_did_before_a_late_edge_has_not_left_its_course():
+    """The tenth of twelve edges, each 0.6 ms late, was told to be none, and lay 0.6 ms too early then."""
+    falls = np.array([1.705, 1.696, 1.688, 1.672, 1.665, 1.665, 1.655, 1.653, 1.639, 1.640, 1.634])
+    assert not _has_left(falls[5:], falls[:5], -33.0, 0.005)
+    assert _has_left(np.append(falls[5:6], falls[6:] - 0.03), falls[:5], -33.0, 0.005)
+
+
 def test_the_steps_of_a_coarse_converter_at_rest_are_no_outliers():
     result = run(recording("step", step_i=0.1, noise_i=0.4, rows=slice(None, 250)))
     assert worst(result) < 4.5, (result.reasons, result.notes)

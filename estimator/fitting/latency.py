@@ -9,6 +9,7 @@ little a speed alone leaves, are estimated by the effect `latency of each edge`.
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ MOST_EDGES = 12  # in a recording; more are a signal, not levels
 ONSET_NOISE = 6.0  # deviations of the noise: a larger change of the current is an onset
 ONSET_PART = 0.1  # of the largest change of the current per volt: likewise
 MEDIAN_OF = np.pi / 2  # variance of a median over that of a mean
+MOVES = 3.0  # standard errors of its slope: a current is on a course
 BEFORE = 5  # rows before a change, at least, in which the current has settled
 SUDDEN, STEEPER = 3, 4.0  # rows in which an onset is seen beside a course, and by how many times it must be steeper
 HALVES = 3  # times from a quarter of a speed's change to its half, by which changes must come later or earlier
@@ -170,5 +172,14 @@ def _has_left(i: FloatArray, before: FloatArray, change: float, noise: float) ->
     if len(i) <= LEAST_SHIFT or not len(before):
         return False
     noise = max(noise, float(np.std(i[1:])))  # of a machine that runs it may be larger: these samples show it
-    away = (float(np.mean(i[1:])) - median(before)) * np.sign(change)
+    away = (float(np.mean(i[1:])) - median(before) - _on_its_course(before, 0.5 * len(i), noise)) * np.sign(change)
     return bool(away > ONSET_NOISE * noise * np.sqrt(1 / (len(i) - 1) + MEDIAN_OF / len(before)))
+
+
+def _on_its_course(before: FloatArray, rows: float, noise: float) -> float:
+    """Return by how much a current, (n,), changes from its middle to rows after it if it goes on so; 0: it stays."""
+    n = len(before)
+    times = np.arange(n) - 0.5 * (n - 1)
+    power = float(times @ times)
+    slope = float(times @ before) / power if power > 0 else 0.0
+    return slope * (0.5 * (n - 1) + rows) if abs(slope) * math.sqrt(power) > MOVES * noise else 0.0
