@@ -8,7 +8,7 @@ import pytest
 from estimator.conventions import CONFIDENCE
 from estimator.distributions import normal_chance, normal_quantile
 from estimator.explaining.addition import Addition, Scores
-from estimator.explaining.averaging import _beside, averaged
+from estimator.explaining.averaging import _beside, _is_untold, averaged
 from estimator.explaining.effects.base import Effect
 from estimator.explaining.explanation import Explanation
 from estimator.explaining.mixture import Mixture, covering
@@ -213,3 +213,16 @@ def test_a_fit_whose_parameters_stand_in_for_each_other_moves_by_what_its_own_te
     later = columns[:, inside] * [1.0, 1.0, 1.0 + 1e-6]
     moved = np.linalg.inv(later.T @ later) @ explained[inside]
     assert np.max(np.abs(moved[:, 0] - [0.05, 0.0, 0.0])) > 1e-2
+
+
+@pytest.mark.parametrize(("deviation", "is_untold"), [(0.1, False), (0.45, False), (0.6, True), (30.0, True)])
+def test_a_rival_with_one_number_that_is_told_no_better_than_its_usual_size_hides(deviation, is_untold):
+    """A drop of brushes at one size of voltage both ways: bars were 0.01 % in one run and 6 % in the next."""
+    covariance = np.diag([1e-6, deviation**2])
+    fit = SimpleNamespace(names=("K", "brush"), covariance_parts=lambda: (covariance, 0 * covariance))
+    rival = SimpleNamespace(names=lambda: {"delay", "brush"}, sizes=lambda: {"brush": 0.5}, fit=fit)
+    found = SimpleNamespace(names=lambda: {"delay"})
+    assert _is_untold(rival, found) == is_untold
+    assert not _is_untold(
+        rival, SimpleNamespace(names=lambda: {"lag of i"})
+    )  # another explanation, not one more number

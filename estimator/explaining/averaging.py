@@ -119,6 +119,7 @@ def averaged(
     own = fit.simulator.scaled(fit.values)[:p]
     mixture = Mixture(covariance[:p, :p])
     hidden = []
+    rivals = [r for r in rivals if not _is_untold(r, explanation)]
     fuller = {
         next(iter(more)) for r in rivals if len(more := r.names() - explanation.names()) == 1 and _holds(r, explanation)
     }
@@ -180,6 +181,19 @@ def _differ_in_timing(one: Explanation, other: Explanation) -> bool:
 def _holds(rival: Explanation, explanation: Explanation) -> bool:
     """Whether a rival is the explanation with more."""
     return explanation.names() < rival.names()
+
+
+def _is_untold(rival: Explanation, explanation: Explanation) -> bool:
+    """Whether a rival is the explanation with one number more, that the recordings tell no better than its usual size.
+
+    Such as a drop of brushes at one size of voltage: it is as possible whatever they show, and belongs to what hides.
+    """
+    more, sizes, fit = rival.names() - explanation.names(), rival.sizes(), rival.fit
+    if len(more) != 1 or not _holds(rival, explanation) or not more <= set(sizes) & set(fit.names):
+        return False
+    (name,) = more
+    k = fit.names.index(name)
+    return bool(VISIBLE * fit.covariance_parts()[0][k, k] > sizes[name] ** 2)
 
 
 def _is_last(rival: Explanation, explanation: Explanation) -> bool:
