@@ -223,6 +223,4 @@ def test_a_rival_with_one_number_that_is_told_no_better_than_its_usual_size_hide
     rival = SimpleNamespace(names=lambda: {"delay", "brush"}, sizes=lambda: {"brush": 0.5}, fit=fit)
     found = SimpleNamespace(names=lambda: {"delay"})
     assert _is_untold(rival, found) == is_untold
-    assert not _is_untold(
-        rival, SimpleNamespace(names=lambda: {"lag of i"})
-    )  # another explanation, not one more number
+    assert not _is_untold(rival, SimpleNamespace(names=lambda: {"lag of i"}))  # it is another
