@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.explaining.between_runs import BETWEEN
-from estimator.explaining.effects.base import USUAL, Effect
+from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
 
 FloatArray = NDArray[np.float64]
 
 USUAL_CHANGE = 0.03  # of a parameter, between runs
 MOST_CHANGE = 1.0  # of a logarithm
+PARAMETERS = 5  # of a motor: any of them may change
 LEAST_SECANT, MOST_SECANT = 1e-3, 3.0  # of a logarithm: of a smaller or larger change the secant is that of this one
 
 
@@ -28,7 +29,6 @@ class RunsDiffer(Effect):
 
     name: str = BETWEEN.strip()
     follows: bool = True
-    prior: float = USUAL / 5  # motors have five parameters
     sentence: str = ""  # the random effect of all runs is reported instead (between_runs.py)
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
@@ -45,8 +45,11 @@ class RunsDiffer(Effect):
             if np.any(columns):
                 name = f"{parameter.name}{BETWEEN}"
                 found.append(
-                    Linear(name, columns, ("",) * len(first), least=-MOST_CHANGE, most=MOST_CHANGE, size=USUAL_CHANGE)
-                )
+                    Linear(
+                        name, columns, ("",) * len(first), least=-MOST_CHANGE, most=MOST_CHANGE, size=USUAL_CHANGE,
+                        one_of=PARAMETERS,
+                    )
+                )  # fmt: skip
         return found
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
