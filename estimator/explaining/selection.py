@@ -352,7 +352,7 @@ class Selection:
 
         while True:
             tested = self.tests.additions(explanation, effects)
-            tested = [a for a in (*tested, *self._of_each_recording(tested)) if a.name not in rejected]
+            tested = [a for a in (*tested, *self._of_each_recording(tested, explanation)) if a.name not in rejected]
             ranked = sorted(tested, key=lambda a: excess * a.penalty(n) - a.gain)
             ranked = [a for a in ranked if a.gain > excess * a.penalty(n)]
             likely = [a for a in ranked if a.gain > worth(a)]
@@ -377,16 +377,19 @@ class Selection:
                 return []
             rejected |= {a.name for a in best_few}
 
-    def _of_each_recording(self, tested: Sequence[Addition]) -> list[Addition]:
+    def _of_each_recording(self, tested: Sequence[Addition], explanation: Explanation) -> list[Addition]:
         """Return nuisance parameters that every recording has, such as its delay, as one: each alone explains a part.
 
-        What a bench does to one recording it is likely to do to the others.
+        What a bench does to one recording, or has been found to do to some, it is likely to do to the others.
         """
-        plan, kinds = self.tests.base.plan, dict[str, list[Addition]]()
+        plan, known, kinds = self.tests.base.plan, explanation.names(), dict[str, list[Addition]]()
         for a in tested:
             if a.linear is None and a.gain > 0 and a.name in per_recording(plan, a.effect.name):
                 kinds.setdefault(a.effect.name, []).append(a)
-        return [together(own) for own in kinds.values() if len(own) == len(plan.observed) > 1]
+        return [
+            together(own) for kind, own in kinds.items()
+            if 1 < len(own) == sum(name not in known for name in per_recording(plan, kind))
+        ]  # fmt: skip
 
     def _in_company(self, found: Explanation, ranked: Sequence[Addition], before: Explanation) -> Explanation | None:
         """Return what was found with what ranks beside it of its effect in other samples; None where that is no better.
