@@ -43,7 +43,7 @@ def recording(seed, *, fades=np.inf):
 def test_what_fades_is_told_and_the_motor_is_right(fades):
     result = estimate_parameters(recording(1, fades=fades), workers=1, seed=1)
     assert any("AC-coupled" in note for note in result.notes)
-    assert result.verdict == "ok", result.reasons
+    assert result.reasons and all("couple it to DC" in r for r in result.reasons)  # measure better, and nothing else
     for name, value in MOTOR.items():
         found = result.parameters[name]
         assert abs(found.value - value) < 4.5 * found.standard_error, name

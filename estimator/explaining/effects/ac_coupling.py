@@ -34,6 +34,7 @@ class AcCoupling(Effect):
 
     name: str = "AC coupling"
     prior: float = SELDOM / 10  # where it is meant to show a motor
+    doubt: str = "what is constant is guessed by how it fades"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return that of the current without a declared filter, where no recording is long or begins in motion."""

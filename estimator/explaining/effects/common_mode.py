@@ -33,6 +33,7 @@ class CommonMode(Effect):
 
     name: str = "common mode of i"
     prior: float = SELDOM
+    doubt: str = "check its common-mode rejection, and what beside the motor draws a current"
     sharp: bool = True  # delays and lags would explain a part of it
     sentence: str = "{value:.3g} A/V of the voltage shows in the current: its sensor's common mode, or a resistor"
 
