@@ -730,7 +730,16 @@ def test_recordings_are_read_the_other_way_with_the_fmu_that_the_fit_has(monkeyp
     )
     for simulator in named.values():
         explanation = SimpleNamespace(fit=SimpleNamespace(simulator=simulator), additions=())
-        assert likelier_interpretation.as_interpreted_by(explanation, other).fit.simulator is simulator
+        assert likelier_interpretation.on_simulators_of(explanation, other).fit.simulator is simulator
+
+
+def test_what_was_explained_anew_without_an_effect_has_its_names_again(tmp_path):
+    """The recording may be read in two ways: the other one has names that this had not, an internal error."""
+    result, true = of_random_bench(1027376, tmp_path)
+    assert result.verdict == "ok" and {"coasting", "average"} <= set(result.effects), result.reasons
+    for name in "KLJB":  # R holds that of the source
+        found = result.parameters[name]
+        assert abs(found.value - true[name, -1]) < 4 * found.standard_error, name
 
 
 @pytest.mark.full  # ten seconds

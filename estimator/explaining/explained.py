@@ -34,7 +34,7 @@ from estimator.explaining.findings import (
 )
 from estimator.explaining.incoherent_noise import quieted_again, quieted_at_sight
 from estimator.explaining.interpretations import Interpretation, interpretations
-from estimator.explaining.likelier_interpretation import as_interpreted_by, likelier_interpretation
+from estimator.explaining.likelier_interpretation import likelier_interpretation, on_simulators_of
 from estimator.explaining.noise_of_all_rows import by_all_rows
 from estimator.explaining.open_circuits import OwnVoltage, with_open_circuits
 from estimator.explaining.parameter_drift import drift_variances
@@ -202,7 +202,7 @@ def explain(
         explanation = selection.explain(starts, begun)
     checked = adequacy(explanation.fit, len(plan.names))
     if not briefly and (checked.failures or explanation.additions):
-        selection, usual = _without_seldom(selection, explanation, partial(begin, plan), starts)
+        usual = _without_seldom(selection, explanation, partial(begin, plan), starts)
         checked = checked if usual is explanation else adequacy(usual.fit, len(plan.names))
         explanation, checked = by_all_rows(selection, usual, checked)
     rivals: list[Explanation] = []
@@ -225,7 +225,7 @@ def explain(
         changed.append(ENDED)
     turned = None
     if len(selections) > 1:  # the other way to read the recordings, with all that was found
-        turned = as_interpreted_by(explanation, selections[1])
+        turned = on_simulators_of(explanation, selections[1])
         rivals.append(turned)
     has_offset = any(n.startswith(("offset w", VoltageOffset.name)) for n in explanation.names())
     for own in opened:
@@ -240,22 +240,21 @@ def explain(
 
 def _without_seldom(
     selection: Selection, explanation: Explanation, begin: Callable[..., Selection], starts: Sequence[FloatArray]
-) -> tuple[Selection, Explanation]:
-    """Return a selection and what explains the recordings best: without what is too seldom together, where that is it.
+) -> Explanation:
+    """Return what explains the recordings best: without what is too seldom together, where that is likelier.
 
     Effects that were found early stand in for others, and then need each other: taken away one by one, each is missed.
     What has to be doubted by itself is no way out.
     """
-    fit, n, best = explanation.fit, selection.tests.samples, (selection, explanation)
+    fit, n, best = explanation.fit, selection.tests.samples, explanation
     errors = np.sqrt(np.maximum(np.diag(fit.covariance()), 1e-300))[: len(fit.simulator.plan.names)]
     for effect in [a.effect for a in seldom_together(explanation, errors)]:
         if selection.effort.is_spent(part=OF_ADDITIONS):
             break
-        other = begin(effects=tuple(e for e in selection.effects if e.name != effect.name))
-        found = other.explain(starts)
+        found = begin(effects=tuple(e for e in selection.effects if e.name != effect.name)).explain(starts)
         is_sound = not any(a.effect.doubt and a.name not in explanation.names() for a in found.additions)
-        if is_sound and found.criterion(n) < by_noise_of(found, best[1]).criterion(n):
-            best = dataclasses.replace(other, effects=selection.effects), found
+        if is_sound and found.criterion(n) < by_noise_of(found, best).criterion(n):
+            best = on_simulators_of(found, selection)
     return best
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.explaining.explanation import Explanation
+from estimator.explaining.explanation import Explanation, moved_to
 from estimator.explaining.explanation_noise import by_noise_of
 from estimator.explaining.interpretations import Interpretation, interpretations
 from estimator.explaining.rivals import EXCHANGED
@@ -45,16 +45,16 @@ def likelier_interpretation(
     explanation, n = selections[0].explain(starts, known), selections[0].tests.samples
     if len(ways) == 1 or max(costs) > UNDECIDED * min(costs):
         return ways, selections, explanation
-    if as_interpreted_by(explanation, selections[1]).fit.cost < explanation.fit.cost - EXCHANGED:
+    if on_simulators_of(explanation, selections[1]).fit.cost < explanation.fit.cost - EXCHANGED:
         again = selections[1].explain(starts)
         if again.criterion(n) < by_noise_of(again, explanation).criterion(n):
             return ways[::-1], selections[::-1], again
     return ways, selections, explanation
 
 
-def as_interpreted_by(explanation: Explanation, other: Selection) -> Explanation:
-    """Return an explanation fitted to recordings that are read the other way."""
+def on_simulators_of(explanation: Explanation, other: Selection) -> Explanation:
+    """Return an explanation fitted by the simulators of another selection, of recordings that it may read otherwise."""
     own, base = explanation.fit.simulator.plan.description.path.stem, other.tests.base
     simulator = base if own == base.plan.description.path.stem else other.tests.rivals(own)
     assert simulator is not None  # the first way has it
-    return dataclasses.replace(explanation, fit=solved(dataclasses.replace(explanation.fit, simulator=simulator)))
+    return dataclasses.replace(explanation, fit=solved(moved_to(explanation.fit, simulator)))
