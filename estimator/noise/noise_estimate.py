@@ -213,19 +213,27 @@ class _Choice:
         if self.known:  # by what is explained now
             self.known |= {j: own for j, own in self._of_filters(noise).items() if j in self.known}
             noise = self._alone(noise)
-        active = [("differenced" if noise.differenced[j] > 0 else "white", j) for j in range(self.q)]
-        beside = noise.white > BESIDE_COUNTS * noise.differenced
-        active += [("white", j) for j in range(self.q) if noise.differenced[j] > 0 and beside[j]]
-        active += [("slow", j) for j in range(self.q) if noise.slow[j, 0] > 0]
-        active += [("torque", 0)] if noise.torque[0] > 0 else []
+        active, beside = self._present(noise)
         found, misfit = self.likelihood.largest(noise, active, iterations=6)
         alone = (noise.differenced > 0) & (noise.differenced <= self.counts) & ~beside
         if not np.isfinite(misfit) or np.any(alone & (found.differenced > COUNTS_ALONE * self.counts)):
             return self.best()
         return self._with_short(found)
 
+    def _present(self, noise: NoiseModel) -> tuple[list[Component], BoolArray]:
+        """Return the components that a noise has, and where white noise is beside counts that are differenced."""
+        active = [("differenced" if noise.differenced[j] > 0 else "white", j) for j in range(self.q)]
+        beside = noise.white > BESIDE_COUNTS * noise.differenced
+        active += [("white", j) for j in range(self.q) if noise.differenced[j] > 0 and beside[j]]
+        active += [("slow", j) for j in range(self.q) if noise.slow[j, 0] > 0]
+        active += [("torque", 0)] if noise.torque[0] > 0 and self.torque is None else []
+        return active, beside
+
     def best(self) -> NoiseModel:
-        """Add components as long as -2 log L falls enough, then the short autoregression."""
+        """Add components as long as -2 log L falls enough, then the short autoregression.
+
+        What was there before may be likelier than what is reached so, one after the other.
+        """
         spread = self.spread
         differenced = self.first.differenced > 0
         noise = dataclasses.replace(
@@ -257,7 +265,16 @@ class _Choice:
             if reached > value - LEAST_FALL:
                 break
             noise, value, active = found, reached, more
-        return self._with_short(noise)
+        return self._with_short(self._likelier_of_before(noise, value, active))
+
+    def _likelier_of_before(self, noise: NoiseModel, value: float, active: Sequence[Component]) -> NoiseModel:
+        """Return the noise with the components of before where that is likelier than a noise of this misfit."""
+        if not self.colour or not self.first.is_coloured:
+            return noise
+        start = self._grown(self.first)
+        before, _ = self._present(start)
+        found, misfit = self.likelihood.largest(self._alone(start) if self.known else start, before)
+        return found if misfit + LEAST_FALL * (len(before) - len(active)) < value else noise
 
     def _grown(self, noise: NoiseModel) -> NoiseModel:
         """Return a noise that grows as is told, and is as large as before in the rows that it is estimated from."""

@@ -91,7 +91,12 @@ class NoiseModel:
     @cached_property
     def has_state(self) -> bool:
         """Whether a sample's noise depends on all before it."""
-        return bool(self.slow[:, 0].any() or self.differenced.any() or self.torque[0] > 0)
+        return bool(self.is_coloured or self.differenced.any())
+
+    @property
+    def is_coloured(self) -> bool:
+        """Whether it has a slow part, or a torque that wanders."""
+        return bool(self.slow[:, 0].any() or self.torque[0] > 0)
 
     @cached_property
     def grows(self) -> bool:
