@@ -192,6 +192,28 @@ def test_a_torque_that_wanders_is_found_in_current_and_speed_at_once():
     assert np.exp(np.mean(np.log(times))) == pytest.approx(0.1, rel=0.5)
 
 
+def test_a_noise_that_is_estimated_afresh_is_no_less_likely_than_that_of_before():
+    """Component by component a likelihood is reached of which there is a larger one: of four runs it was 33 less."""
+    n, counts = 4000, np.array([0.0, 3.1])
+    rng = np.random.default_rng(8)
+    step, torque = held(MACHINE[0].tobytes(), MACHINE[1].tobytes(), STEP), wandering(rng, n, 2e-4, 0.3)
+    state, residuals = np.zeros(2), np.zeros((n, 2))
+    for k in range(n):
+        residuals[k] = state = step[:2, :2] @ state + step[:2, 2] * torque[k]
+    errors = counts[1] * rng.standard_normal(n + 1)
+    residuals[:, 0] += 0.0056 * rng.standard_normal(n) + wandering(rng, n, 0.0015, 0.15)
+    residuals[:, 1] += np.diff(errors) + wandering(rng, n, 0.3, 0.15)
+    bare = dataclasses.replace(NoiseModel.plain(np.array([0.0056, 0.02]), (0, 1)), differenced=counts, machine=MACHINE)
+    before = dataclasses.replace(bare, slow=np.array([[0.0015, 0.15], [0.3, 0.15]]), torque=(2e-4, 0.3))
+    stacked = np.stack([residuals, np.ones((n, 2))], axis=2)
+    likelihood = RestrictedLikelihood(whitener_of(bare, n, 2), stacked)
+    from_white, from_before = (
+        likelihood.misfit(dataclasses.replace(found(residuals, start=start, counts=counts), short=()))
+        for start in (bare, before)
+    )
+    assert from_before < from_white - 3
+
+
 def of_wandering_friction(seed, part):
     """Return the noise of a machine whose torque wanders, times a part of each row, (n,), and what it shows, (n, 2)."""
     n, tau, rng = len(part), 0.1, np.random.default_rng(seed)
