@@ -350,11 +350,11 @@ def _nearest_try(s: Simulator, name: str, value: float) -> float:
 
 
 def moved_to(fit: Fit, simulator: Simulator) -> Fit:
-    """Return a fit on another simulator that knows at least its names, and may simulate what are columns here."""
+    """Return a fit on another simulator that knows at least its names, and may simulate what only columns are here."""
     if simulator is fit.simulator:
         return fit
     known = dict(zip(fit.simulator.names, fit.values.tolist(), strict=True))
-    groups = {g.name for g in fit.linear if g.name in simulator.index}
+    groups = {g.name for g in fit.linear if g.name in simulator.index and g.name not in fit.simulator.index}
     if not groups:
         return dataclasses.replace(fit, simulator=simulator, values=simulator.values(known))
     columns = dict(zip(fit.linear_names, fit.coefficients.tolist(), strict=True))
