@@ -16,6 +16,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 SETTINGS = ("gain", "offset", "delay")  # of each output's sensor
+OF_ALL = (slice(None), 0)  # place of a delay of all recordings, which is added to theirs
 
 
 class CandidateValues:
@@ -79,7 +80,7 @@ class CandidateValues:
     def placing(self, candidate: FloatArray, free: Sequence[int], box: Box) -> dict[str, Any] | None:
         """Return where what is free of a candidate, (p,), goes, as `Placing` says; None where it is not in its values.
 
-        An output's own delay also moves the others, where it is below 0.
+        An output's own delay also moves the others, where it is below 0; and one of all recordings is added to theirs.
         """
         if not np.all(box.high > box.low):
             return None
@@ -93,7 +94,7 @@ class CandidateValues:
         gain[:, :many] = np.where(own, self._gain, 0.0)
         shift[:, :many] = np.where(own, self._shift, shift[:, :many])
         for j, where, at in self._placed:
-            if j in free and at % len(SETTINGS) == 0 and at > 0:
+            if j in free and ((at % len(SETTINGS) == 0 and at > 0) or np.any(column[where, held + at] >= 0)):
                 return None
             if j in free:
                 column[where, held + at], gain[where, held + at] = list(free).index(j), 1.0
@@ -144,7 +145,9 @@ class CandidateValues:
         """Return the inputs' delay, then the settings of every output, (n, recordings, values)."""
         values = np.repeat(self._usual[None], len(candidates), axis=0)
         for j, where, at in self._placed:
-            values[:, where, at] = candidates[:, j, None]
+            if (where, at) != OF_ALL:
+                values[:, where, at] = candidates[:, j, None]
+        values[:, :, 0] += candidates[:, [j for j, *place in self._placed if (*place,) == OF_ALL]].sum(axis=1)[:, None]
         delays = values[:, :, len(SETTINGS) :: len(SETTINGS)]
         earliest = np.minimum(delays.min(axis=2), 0.0)  # an output is shown late, never early
         values[:, :, 0] += earliest

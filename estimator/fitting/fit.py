@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.information import information_parts
-from estimator.fitting.lateness import soon_shown
+from estimator.fitting.lateness import recording_delay, soon_shown
 from estimator.fitting.projection import Projection, triangle
 from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.simulator import Simulator
@@ -30,7 +30,6 @@ from estimator.noise.kalman import give_back
 from estimator.noise.level import Level
 from estimator.noise.noise_model import WAYS, NoiseModel
 from estimator.noise.whitener import Whitener, moving
-from estimator.plans.parameters import SensorPlace
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -216,9 +215,7 @@ class Fit:
 
     def delay(self, recording: int) -> float:
         """Return by how much a recording's outputs come after its inputs, s."""
-        s, place = self.simulator, SensorPlace("delay", recording)
-        own = [n.name for n in s.nuisances if n.place == place]
-        return float(self.values[s.index[own[0]]]) if own else s.observed[recording].delay
+        return recording_delay(self.simulator, self.value, recording)
 
     def covariance(self) -> FloatArray:
         """Return the covariance of the names on their scales, (f + m, f + m): 0 at a bound, inf if not determined."""

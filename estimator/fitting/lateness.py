@@ -38,6 +38,14 @@ def lateness(s: Simulator, value: Value, output: str) -> tuple[float, float]:
     return simulated, sum(acted, 0.0)
 
 
+def recording_delay(s: Simulator, value: Value, recording: int) -> float:
+    """Return by how much a recording's outputs come after its inputs, s: its own delay, and that of all."""
+    places = {n.place: n.name for n in s.nuisances if n.place is not None}
+    own, common = places.get(SensorPlace("delay", recording)), places.get(SensorPlace("delay"))
+    late = value(own) if own is not None else s.observed[recording].delay
+    return float(late + (value(common) if common is not None else 0.0))
+
+
 def channel_delay(s: Simulator, value: Value, output: str) -> float:
     """Return an output's own delay, s, behind that of its recording."""
     place = SensorPlace("delay", None, output)

@@ -190,6 +190,8 @@ def _known(simulator: Simulator, estimate: Estimate, chain: Mapping[str, float])
         if name in simulator.index and (o.delay != 0 or late):
             known[name] = o.delay
             free.append(name)
+    if len(plan.observed) > 1:
+        known.pop("delay", None)  # of all recordings: each of these has its own
     return known, free
 
 

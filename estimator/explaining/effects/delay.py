@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -16,15 +17,18 @@ EARLIEST, LATEST = 10.0, 0.5  # samples before; of the recording's length after
 
 @dataclass(frozen=True)
 class Delay(Effect):
-    """A delay of all outputs of one recording behind its inputs, s."""
+    """A delay of all outputs behind the inputs, s, of one recording; and one that all recordings have, beside theirs.
+
+    A controller that runs at its own rate delays every recording by another time, a drive all of them by the same.
+    """
 
     name: str = "delay"
     sharp: bool = True
     lateness: float = 1.0
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return one for each recording with an input that changes."""
-        found = []
+        """Return one for each recording with an input that changes, and one for all of several."""
+        found: list[Nuisance] = []
         for e, (o, name) in enumerate(zip(plan.observed, per_recording(plan, self.name), strict=True)):
             if f"delay of {e}" in plan.declared or o.excitation.kind == "none" or not o.inputs:
                 continue
@@ -36,6 +40,11 @@ class Delay(Effect):
                     place=SensorPlace("delay", e), tries=(0.5 * h, 2 * h, -0.5 * h, -2 * h),
                 )
             )  # fmt: skip
+        if 1 < len(found) == len(plan.observed):
+            least, most = max(n.lower for n in found), min(n.upper for n in found)
+            found.append(
+                dataclasses.replace(found[0], name=self.name, lower=least, upper=most, place=SensorPlace("delay"))
+            )
         return found
 
     def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
@@ -55,7 +64,8 @@ class Delay(Effect):
         shows where it is. Behind a gap it changed in the gap.
         """
         measured = any(o.is_measured and (o.jumps or not plan.case.linear) for o in plan.observed)
-        early = plan.observed[per_recording(plan, self.name).index(name)].early
+        own = dict(zip(per_recording(plan, self.name), (o.early for o in plan.observed), strict=True))
+        early = own.get(name, min(own.values()))
         if value < -early - (EARLY + measured) * plan.shortest_step:
             return (
                 "no motor does; check the recording's clock, and whether its signals were smoothed (a centred mean"

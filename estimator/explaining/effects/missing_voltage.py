@@ -11,13 +11,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.lateness import channel_delay
+from estimator.fitting.lateness import channel_delay, recording_delay
 from estimator.fitting.motor_response import COASTS, driven_on_lines, sensed
 from estimator.fitting.simulator import Simulator, per_recording
 from estimator.fitting.winding_temperature import warmth
 from estimator.motor.names import MOTOR
 from estimator.noise.clock import Clock
-from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import Observed, Plan
 
 FloatArray = NDArray[np.float64]
@@ -49,8 +48,7 @@ def shown_more(name: str, missing: Missing, s: Simulator, candidate: FloatArray,
     for e in (e for e, o in enumerate(s.observed) if not o.is_measured):
         o, clock = s.observed[e], s.clocks[e]
         corners = missing(s, value[name], o)
-        own = [n.name for n in s.nuisances if n.place == SensorPlace("delay", e)]
-        late = earlier * clock.step + (value[own[0]] if own else o.delay)
+        late = earlier * clock.step + recording_delay(s, value.__getitem__, e)
         is_open = any(value.get(name) == 1.0 for name in (COASTS, per_recording(s.plan, COASTS)[e]))
         known: dict[float, FloatArray] = {}
         for j, output in enumerate(s.outputs):
