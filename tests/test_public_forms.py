@@ -335,6 +335,123 @@ class TestABlockOfSettingsAboveBareNumbers:
         assert "has no voltage column" in sentence(path)
         assert set(read_recording(path).headers) == {"CH1 raw", "CH2 raw"}
 
+    @pytest.mark.parametrize("named", ["", "Time(s),"])
+    def test_rigol_with_start_and_step_behind_the_names(self, named: str, tmp_path: Path) -> None:
+        path = tmp_path / "scope.csv"
+        rows = [f"{v!r},{w!r},," for v, w in self.ROWS]
+        for times in ("", "with") if named else ("",):
+            rows = [f"{t:.6e},{row}" for t, row in zip(TIME - 0.1, rows, strict=True)] if times else rows
+            path.write_text("\n".join([f"{named}CH1V,CH2V,t0 = -0.1000000, tInc = 5.0e-03,", *rows]) + "\n")
+            recording = read_recording(path)
+            assert set(recording.headers.values()) == {"CH1 [V]", "CH2 [V]"}
+            np.testing.assert_allclose(recording.time, TIME - 0.1, atol=1e-9)
+            np.testing.assert_allclose(recording.signals["CH2"], W)
+
+
+ROWS = tuple(zip([f"{t:.3f}" for t in TIME], map(repr, V.tolist()), map(repr, W.tolist()), strict=True))
+
+
+def assert_read(path: Path) -> None:
+    found = read_recording(path)
+    columns = motor_columns(found, required=("v", "w"))
+    np.testing.assert_allclose(found.time - found.time[0], TIME, atol=1e-9)
+    np.testing.assert_array_equal(found.signals[columns["v"]], V)
+    np.testing.assert_array_equal(found.signals[columns["w"]], W)
+
+
+class TestCellsBetweenBars:
+    """Tables of Markdown, psql and mysql, and programs that part cells by bars."""
+
+    NAMES, RULE = "| time [s] | voltage [V] | speed [rad/s] |", "|---:|:---|----|"
+
+    @pytest.mark.parametrize(
+        ("above", "below"),
+        [
+            ((NAMES, RULE), ()),
+            (("# A motor", "", "Its step:", "", NAMES, RULE), ("", "That was it.")),
+            (("+------+---+----+", NAMES, "+------+---+----+"), ("+------+---+----+", "400 rows in set (0.00 sec)")),
+            ((NAMES.strip("| "), "------+-------+-----"), ("(400 rows)",)),
+        ],
+    )
+    def test_are_read(self, above: tuple[str, ...], below: tuple[str, ...], tmp_path: Path) -> None:
+        path = tmp_path / "log.md"
+        rows = (" | ".join(("", *row, ""))[1:-1] for row in ROWS)
+        rows = (row.strip("| ") for row in rows) if above[0][0] == "t" else rows
+        path.write_text("\n".join([*above, *rows, *below]) + "\n")
+        assert_read(path)
+
+    def test_a_decimal_comma_is_one(self, tmp_path: Path) -> None:
+        path = tmp_path / "log.txt"
+        path.write_text("\n".join(["time|voltage|speed", *("|".join(row).replace(".", ",") for row in ROWS)]) + "\n")
+        assert_read(path)
+
+    def test_bars_of_the_header_alone_part_nothing(self, tmp_path: Path) -> None:
+        found = read_recording(save(tmp_path, "time,voltage,|speed|", TIME, V, W))
+        assert "|speed|" in found.signals
+
+
+class TestOneValueARow:
+    """Rows of a time, a name and a value: of databases and message logs."""
+
+    def write(self, folder: Path, *lines: str) -> Path:
+        path = folder / "log.csv"
+        path.write_text("\n".join(lines) + "\n")
+        return path
+
+    def test_foxglove_names_topics(self, tmp_path: Path) -> None:
+        rows = (f"{t},17{t},/motor/{name},{x}" for t, v, w in ROWS for name, x in (("voltage", v), ("velocity", w)))
+        assert_read(self.write(tmp_path, "elapsed time,receive time,topic,value", *rows))
+
+    def test_influxdb_has_a_table_for_each_field_and_may_repeat_the_header(self, tmp_path: Path) -> None:
+        header = ["#datatype,string,long,dateTime:RFC3339,double,string", ",result,table,_time,_value,_field"]
+        stamps = [f"2026-11-20T10:00:0{t}Z".replace(".000Z", "Z") for t, _, _ in ROWS]
+        tables = (
+            [f",,{k - 1},{stamp},{row[k]},{name}" for stamp, row in zip(stamps, ROWS, strict=True)]
+            for k, name in ((1, "voltage"), (2, "speed"))
+        )
+        assert_read(self.write(tmp_path, *(line for table in tables for line in (*header, *table, ""))))
+
+    def test_a_column_of_units_says_them(self, tmp_path: Path) -> None:
+        rows = (f"{t};{n};{x};{u}" for t, v, w in ROWS for n, x, u in (("voltage", v, "V"), ("speed", w, "rad/s")))
+        path = self.write(tmp_path, "time;signal;value;unit", *(row.replace(".", ",") for row in rows))
+        assert_read(path)
+        assert set(read_recording(path).headers.values()) == {"voltage [V]", "speed [rad/s]"}
+
+    def test_what_is_logged_less_often_is_missing_between(self, tmp_path: Path) -> None:
+        rows = (
+            f"{t},{name},{x}"
+            for k, (t, v, w) in enumerate(ROWS)
+            for name, x in (("voltage", v), *([("speed", w)] if k % 10 == 0 else []))
+        )
+        found = read_recording(self.write(tmp_path, "time [s],signal,value", *rows))
+        np.testing.assert_array_equal(found.signals["voltage"], V)
+        np.testing.assert_array_equal(found.signals["speed"], np.where(np.arange(N) % 10, np.nan, W))
+
+    def test_a_bad_value_is_told_with_the_line_that_it_stands_in(self, tmp_path: Path) -> None:
+        rows = [f"{t},{name},{x}" for t, v, w in ROWS for name, x in (("voltage", v), ("speed", w))]
+        rows[41] += "x"  # in line 43
+        assert "log.csv line 43: speed is not a number" in sentence(self.write(tmp_path, "time,signal,value", *rows))
+
+    @pytest.mark.parametrize("unit", ["", "§V|g"])
+    def test_teleplot(self, unit: str, tmp_path: Path) -> None:
+        rows = (f">{name}:{round(1000 * float(t))}:{x}{unit if name == 'voltage' else ''}" for t, v, w in ROWS
+                for name, x in (("voltage", v), ("speed", w)))  # fmt: skip
+        path = self.write(tmp_path, "booting", *rows)
+        assert_read(path)
+
+    @pytest.mark.parametrize("mark", ["\t", ";"])
+    def test_twincat_scope_has_a_time_for_each_signal(self, mark: str, tmp_path: Path) -> None:
+        settings = [("Name", "Scope"), ("Starttime of export", "133123456789012345"), ("",)]
+        settings += [(key, of_v, key, of_w) for key, of_v, of_w in (("Name", "voltage", "speed"),
+                     ("SampleTime[ms]", "5", "50"), ("Port", "851", "851"), ("Unit", "V", "rad/s"))]  # fmt: skip
+        speeds = [(f"{50 * k}", row[2]) for k, row in enumerate(ROWS[::10])]
+        rows = ((f"{5 * k}", v, *(speeds[k] if k < len(speeds) else ("", ""))) for k, (_, v, _) in enumerate(ROWS))
+        path = self.write(tmp_path, *(mark.join(cells) for cells in (*settings, *rows)))
+        found = read_recording(path)
+        assert found.headers == {"voltage": "voltage [V]", "speed": "speed [rad/s]"}
+        np.testing.assert_allclose(found.time, TIME, atol=1e-9)
+        np.testing.assert_array_equal(found.signals["speed"], np.where(np.arange(N) % 10, np.nan, W))
+
 
 def test_a_path_before_the_times_name_is_passed_over(tmp_path: Path) -> None:
     for name in ("OSL:timestamp", "/clock/time", "log.timestamp"):

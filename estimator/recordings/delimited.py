@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.errors import RecordingError
 from estimator.recordings.plain_text import plain_columns
-from estimator.recordings.scope_lines import rewriter
+from estimator.recordings.rewritten_lines import rewriter
 from estimator.recordings.serial_lines import are_serial, delimited_lines
 from estimator.recordings.text_cells import (
     EMPTY,

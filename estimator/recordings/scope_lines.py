@@ -1,6 +1,7 @@
 """Lines of an oscilloscope that counts its samples and says their interval once → lines with times. Knows no motor.
 
-So Rigol's write: ``X,CH1,CH2,Start,Increment,`` above ``Sequence,Volt,Volt,-1.2e-01,1e-04,`` and ``0,1.2,0.4,,``.
+So Rigol's write: ``X,CH1,CH2,Start,Increment,`` above ``Sequence,Volt,Volt,-1.2e-01,1e-04,`` and ``0,1.2,0.4,,``, or
+``CH1V,CH2V,t0 = -0.1, tInc = 0.001,`` above ``1.2,0.4,``.
 Others write a block of settings and bare numbers below it: Yokogawa's ``"TraceName","CH1","CH2"``, ``"VUnit","V","A"``,
 ``"HResolution","1e-04","1e-04"``; GW Instek's ``Source,CH1,Source,CH2,``, ``Sampling Period,1e-04,…`` (``Mode,Detail``:
 a time before each sample; ``Mode,Fast``: counts of the converter).
@@ -8,8 +9,9 @@ a time before each sample; ``Mode,Fast``: counts of the converter).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
 
+from estimator.recordings.headers import parse_header, role_of
 from estimator.recordings.text_cells import holds_numbers_only, number_in, split_cells
 
 COUNTED, INTERVAL = ("x", "start", "increment"), "sequence"  # of its names, and of the units below them
@@ -21,11 +23,7 @@ NAMES, UNITS, EVERY, BEGIN = (
     ("hresolution", "sampling period"),
     "hoffset",
 )
-
-
-def rewriter(head: list[str]) -> Callable[[list[str]], list[str]] | None:
-    """Return what writes times into all lines of a file that begins so; None where it needs none."""
-    return next((way for way in (with_times, with_settings_read) if way(head) is not head), None)
+_START_AND_STEP = re.compile(r"(.*?),\s*t0\s*=\s*([^,\s]+?)s?\s*,\s*tInc\s*=\s*([^,\s]+?)s?[\s,]*", re.I)
 
 
 def with_settings_read(lines: list[str]) -> list[str]:
@@ -69,3 +67,18 @@ def with_times(lines: list[str]) -> list[str]:
         number = number_in(count.strip(), ".")
         timed.append(line if number is None else ",".join([f"{start + step * number:.12g}", *cells[: kept - 1]]))
     return timed
+
+
+def with_start_and_step(lines: list[str]) -> list[str]:
+    """Return rows below names that end in the start and the step, with their times; other lines unchanged."""
+    found = _START_AND_STEP.fullmatch(lines[0]) if lines else None
+    start, step = (number_in(text, ".") for text in found.groups()[1:]) if found else (None, None)
+    if found is None or start is None or not step:
+        return lines
+    names = [re.sub(r"V$", " [V]", name.strip()) for name in found[1].split(",")]
+    rows = [[cell for cell in split_cells(line, ",") if cell] for line in lines[1:]]
+    channels = names[1:] if role_of(parse_header(names[0]).name) == "time" else names
+    if len(rows[0] if rows else names) > len(channels):
+        return [",".join(names), *(",".join(row) for row in rows)]
+    timed = (",".join([f"{start + step * k:.12g}", *row]) if row else "" for k, row in enumerate(rows))
+    return [",".join(["time [s]", *channels]), *timed]
