@@ -57,6 +57,8 @@ SHEETS = {
     ],
     "numbers as text": [HEADER, *([repr(row[0]).replace(".", ","), *row[1:]] for row in ROWS)],
     "columns of nothing": [[*HEADER, None, None], *([*row, None] for row in ROWS), [None] * 4],
+    "a comment below the names": [HEADER, [None, None, None, "behind the gear"], *ROWS],
+    "a mean and words below": [HEADER, *ROWS, [], ["Mean", 1.0, 2.0, 3.0], ["End of test"]],
     "a column of text": [[*HEADER, "note"], *([*row, "x"] for row in ROWS)],
 }
 
@@ -64,6 +66,15 @@ SHEETS = {
 @pytest.mark.parametrize("shape", SHEETS)
 def test_every_usual_shape_of_an_excel_file_is_read(shape: str, tmp_path: Path) -> None:
     check_nearly(xlsx(tmp_path / "run3.xlsx", [["a plot"]], SHEETS[shape]))  # Excel keeps 16 digits
+
+
+def test_words_below_the_last_row_of_excel_are_told(tmp_path: Path) -> None:
+    recording = read_recording(xlsx(tmp_path / "run3.xlsx", [HEADER, *ROWS, [], ["Mean", 1.0], ["End"]]))
+    assert recording.not_read == (f"rows {N + 3} to {N + 4}, below the last row, are left out: 'Mean', …",)
+
+
+def test_a_sheet_of_few_rows_with_a_time_is_no_recording_beside_one(tmp_path: Path) -> None:
+    check_nearly(xlsx(tmp_path / "run3.xlsx", [["time", "by"], [12, "J. Doe"]], [HEADER, *ROWS]))
 
 
 def test_an_empty_cell_of_excel_is_a_missing_sample(tmp_path: Path) -> None:

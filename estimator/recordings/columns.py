@@ -34,6 +34,7 @@ class Columns:
     headers: tuple[str, ...]
     columns: tuple[FloatArray, ...]  # each (n,); NaN where there is no sample
     texts: dict[str, str] = field(default_factory=dict)  # columns that hold no numbers → what they hold
+    not_read: tuple[str, ...] = ()  # what of the file is no row of it, in sentences
 
 
 def on_one_clock(path: Path, signals: Sequence[Signal]) -> Columns:

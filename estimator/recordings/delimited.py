@@ -37,6 +37,7 @@ from estimator.recordings.text_header import (
     find_header,
     has_header,
     numbered_columns,
+    said_below,
     words_below,
 )
 from estimator.recordings.units import FloatArray
@@ -124,7 +125,7 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
         if _is_cut(before, last, width=width, decimal=decimal, is_open=is_open):
             cut = rows.pop()
             not_read.append(f"line {cut + first}, the last row, is cut off and left out: {shortened(lines[cut])!r}")
-    not_read += _said_below([k + first for k in below], [lines[k] for k in below])
+    not_read += said_below("line", [(k + first, lines[k]) for k in below])
     rows, broken = _whole_rows(lines, rows, delimiter=delimiter, width=width, few=0 if rules.rated else RARE)
     not_read += _said_of_broken([k + first for k in broken], [lines[k] for k in broken])
     values = np.empty((width, len(rows)))
@@ -242,15 +243,6 @@ def _is_cut(before: Cells, last: Cells, *, width: int, decimal: str, is_open: bo
     end = unquoted(last[-1])
     ends_midway = number_in(end, decimal) is None and number_in(f"{end}0", decimal) is not None  # "1e-"
     return len(last) < width or (is_open and bool(end) and ends_midway)
-
-
-def _said_below(numbers: list[int], lines: list[str]) -> list[str]:
-    """Say which lines below the last row are none."""
-    if not lines:
-        return []
-    if len(lines) == 1:
-        return [f"line {numbers[0]}, below the last row, is left out: {shortened(lines[0])!r}"]
-    return [f"lines {numbers[0]} to {numbers[-1]}, below the last row, are left out: {shortened(lines[0])!r}, …"]
 
 
 def _said_of_broken(numbers: list[int], lines: list[str]) -> list[str]:

@@ -91,6 +91,7 @@ def raw_columns(name: str, columns: Columns, path: Path | None) -> RawTable:
         where=where,
         place=lambda k: f"{where} sample {k + first}",
         texts_in=texts,
+        not_read=columns.not_read,
     )
 
 

@@ -17,6 +17,7 @@ from estimator.recordings.columns import Columns
 from estimator.recordings.headers import are_units, parse_header, role_of
 from estimator.recordings.recording import MIN_SAMPLES
 from estimator.recordings.text_cells import is_word
+from estimator.recordings.text_header import WORDS_BELOW, begins_with_a_word, said_below
 from estimator.recordings.units import FloatArray
 
 MAGIC = b"PK\x03\x04"  # of any ZIP archive
@@ -74,7 +75,8 @@ def read_xlsx(path: Path, head: bytes) -> Columns:
     except Exception as error:  # openpyxl raises whatever it stumbles over
         words = " ".join(str(error).split())[:100] or type(error).__name__
         raise RecordingError(f"{path.name} is a damaged Excel file ({words}); save it again") from None
-    found = found or (others if len(others) == 1 else {})
+    long = {title: (at, rows) for title, (at, rows) in found.items() if sum(map(_has_number, rows[at:])) >= MIN_SAMPLES}
+    found = long or found or (others if len(others) == 1 else {})
     if not found:
         raise RecordingError(
             f"{path.name} has no sheet with a time column; give one a header such as time [s], voltage [V], current [A]"
@@ -101,7 +103,12 @@ def _columns(where: str, at: int, rows: list[Row]) -> Columns:
             if unit and parse_header(texts[j]).unit_text is None:
                 texts[j] = f"{texts[j]} [{unit}]"
         first += 1
+    first = next((k for k in range(first, min(first + WORDS_BELOW, len(rows))) if not _is_comment(rows[k])), first)
     body = [(k, row) for k, row in enumerate(rows[first:], start=first) if any(_text(cell) for cell in row)]
+    words: list[tuple[int, Row]] = []
+    if body and not _begins_with_a_word(body[0][1]):
+        while _begins_with_a_word(body[-1][1]):
+            words.insert(0, body.pop())  # "End of test", a mean
     headers, columns, held = [], [], {}
     for j, text in enumerate(texts):
         cells = [row[j] if j < len(row) else None for _, row in body]
@@ -121,7 +128,9 @@ def _columns(where: str, at: int, rows: list[Row]) -> Columns:
             held[header] = "text"
         headers.append(header)
         columns.append(values)
-    return Columns(tuple(headers), tuple(columns), held)
+    return Columns(
+        tuple(headers), tuple(columns), held, said_below("row", [(k + 1, _first_text(row)) for k, row in words])
+    )
 
 
 def _text_among(cells: Sequence[Any], values: FloatArray) -> int | None:
@@ -159,6 +168,21 @@ def _number(cell: Any) -> float:
 
 def _text(cell: Any) -> str:
     return "" if cell is None else str(cell).strip()
+
+
+def _first_text(row: Row) -> str:
+    return next((text for cell in row if (text := _text(cell))), "")
+
+
+def _begins_with_a_word(row: Row) -> bool:
+    return begins_with_a_word(_first_text(row))
+
+
+def _is_comment(row: Row) -> bool:
+    """Return whether a row above the numbers holds words alone."""
+    return bool(_first_text(row)) and all(
+        not _text(cell) or (isinstance(cell, str) and begins_with_a_word(cell)) for cell in row
+    )
 
 
 def _has_number(row: Row) -> bool:

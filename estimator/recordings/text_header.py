@@ -18,6 +18,7 @@ from estimator.recordings.text_cells import (
     is_number,
     is_word,
     number_in,
+    shortened,
     split_cells,
     trimmed,
     unquoted,
@@ -118,6 +119,16 @@ def begins_with_a_word(line: str) -> bool:
     """Tell whether a line begins with a word, which no row of numbers does."""
     first = re.match(r'[\s"^]*([^\W\d][^\s,;"]*)', line)
     return first is not None and is_word(first[1])
+
+
+def said_below(place: str, words: Sequence[tuple[int, str]]) -> tuple[str, ...]:
+    """Say which lines, or rows, below the last one of numbers are left out: their numbers and texts."""
+    if not words:
+        return ()
+    (first, text), (last, _) = words[0], words[-1]
+    if first == last:
+        return (f"{place} {first}, below the last row, is left out: {shortened(text)!r}",)
+    return (f"{place}s {first} to {last}, below the last row, are left out: {shortened(text)!r}, …",)
 
 
 def has_header(path: Path, lines: list[str], rules: HeaderRules) -> bool:
