@@ -453,6 +453,13 @@ class TestOneValueARow:
         np.testing.assert_array_equal(found.signals["speed"], np.where(np.arange(N) % 10, np.nan, W))
 
 
+def test_a_motors_columns_go_before_the_batterys_of_the_same_device(tmp_path: Path) -> None:
+    names = ",".join(f"knee[Dephy]:{of}_{name}" for name in ("current", "voltage") for of in ("battery", "motor"))
+    found = read_recording(save(tmp_path, f"time,{names},velocity", TIME, V / 9, V / 7, V + 30, V, W))
+    columns = motor_columns(found)
+    assert (columns["i"], columns["v"]) == ("knee[Dephy]:motor_current", "knee[Dephy]:motor_voltage")
+
+
 def test_a_path_before_the_times_name_is_passed_over(tmp_path: Path) -> None:
     for name in ("OSL:timestamp", "/clock/time", "log.timestamp"):
         found = read_recording(save(tmp_path, f"{name},knee[Dephy]:motor_voltage,/motor/velocity", TIME, V, W))

@@ -99,7 +99,10 @@ def _of_role(recording: Recording, role: str, *, wanted: bool) -> str | None:
     )
     faults = {column: recording.fault(column, quantity) for _, column in ranked}
     fitting = [(rank, column) for rank, column in ranked if faults[column] is None]
-    good = [column for *_, column in sorted(fitting, key=lambda r: (r[0], _stands_still(recording, r[1])))]
+    good = [
+        column
+        for *_, column in sorted(fitting, key=lambda r: (r[0], _stands_still(recording, r[1]), is_secondary(r[1])))
+    ]
     if role == "v" and not ranked and (told := duty_column(recording, units=("V",))) is not None:
         return told
     if good and role == "i" and (asked := _asked_beside(recording, good[0])) is not None:
