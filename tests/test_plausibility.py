@@ -5,6 +5,7 @@ import pytest
 from motors import CML050, Motor, all_motors, held_response
 from scipy.signal import lfilter
 
+from estimator.cli import main
 from estimator.recordings.lag import lag_misfit
 from estimator.recordings.measured_signals import MeasuredSignals
 from estimator.recordings.plausibility import implausible
@@ -297,3 +298,44 @@ def test_a_misfit_that_is_enough_is_not_made_smaller_and_one_that_is_not_is_as_s
         least = lag_misfit(time, own[drive], own[y])
         assert least <= lag_misfit(time, own[drive], own[y], enough=2 * least) <= 2 * least
         assert lag_misfit(time, own[drive], own[y], enough=0.5 * least) == least
+
+
+WAITS = 60  # rows
+
+
+def switched_on_late(volts=24.0, *, noise=0.0):
+    """Return times and signals of a motor that gets a step, beside a supply's voltage in every row."""
+    time, measured = signals(CML050, interval=1e-3, samples=1000)
+    first = 1000 // 6 - WAITS
+    supply = volts * (1 + noise * np.random.default_rng(1).standard_normal(1000))
+    return time[first:], {**{name: y[first:] for name, y in measured.items()}, "v": supply[first:]}
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize("seen", ["i", "w", "iw"])
+def test_a_voltage_that_is_there_before_the_motor_has_a_current_is_the_supplys(seen, noise):
+    """24 V of a supply that gave 10.5 V were told as a delay of 0.1 s: R, K twice too large, ok."""
+    time, measured = switched_on_late(noise=noise)
+    measured = {name: y for name, y in measured.items() if name in {"v", *seen}}
+    (finding,) = found(time, measured)
+    assert finding.kind == "unit v" and "this is the supply before a switch" in finding.sentence
+    assert found(time, measured, sure=frozenset({"v"})) == ()
+
+
+def test_a_motor_that_answers_at_once_or_runs_or_is_switched_off_has_its_own_voltage():
+    time, measured = switched_on_late()
+    late = {name: y[WAITS - 10 :] for name, y in measured.items()}
+    assert found(time[WAITS - 10 :], late) == ()
+    running = {name: y[400:] for name, y in measured.items()}
+    assert found(time[400:], running) == ()
+    off = measured["v"].copy()
+    off[-50:] = 0.0
+    assert found(time, measured | {"v": off}) == ()
+
+
+def test_a_constant_voltage_that_was_said_is_not_doubted(tmp_path, capsys):
+    time, measured = switched_on_late()
+    table = np.column_stack([time, measured["i"], measured["w"]])
+    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="time,current,speed", comments="")
+    assert main(["check", str(tmp_path / "run.csv"), "--fix", "v=10.5"]) == 0
+    assert "Implausible" not in capsys.readouterr().out

@@ -58,7 +58,7 @@ def with_constant_voltage(recording: Recording, volts: float) -> Recording:
         )
     name = f"{volts:g} V"
     made = _with(recording, name, np.full(len(recording.time), volts), "V", f"{name}, constant, as you said")
-    return replace(made, roles={**made.roles, "v": name})
+    return replace(made, roles={**made.roles, "v": name}, given_units=(*made.given_units, name))
 
 
 def motors(recording: Recording) -> tuple[str, ...]:

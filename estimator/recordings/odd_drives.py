@@ -1,4 +1,4 @@
-"""What a drive or a shaft did that v, i and w alone do not say: held, coasting, a dead band. Knows no FMU.
+"""What a drive or a shaft did that v, i and w alone do not say: held, coasting, not connected yet. Knows no FMU.
 
 None of these is a mistake of reading. Each makes a plain motor's model wrong for the recording, or blind to a part of
 it, and shows in the samples before any search.
@@ -26,6 +26,8 @@ LASTS = 20  # samples
 WINDING = 0.15  # of the current's deviation: more is no winding that stands still
 MOVES = 8.0  # deviations of the noise from end to end: less is no movement
 BAND = 0.08  # of a ramp: a dead band
+LEFT = 0.5  # of the largest voltage: one that is never less does not show what was switched
+LONG = 0.05  # of a recording: so long no motor takes to answer
 STOOD = 0.4  # of the speed of a motor that lags: less is one that stood
 
 
@@ -67,6 +69,33 @@ def coasts(title: str, time: FloatArray, signals: Mapping[str, FloatArray]) -> F
         " none that flows back; leave the coasting out with"
         f" --window, or put {time[first]:.6g} s as its end",
         evidence=(Evidence("i", float(time[first]), float(time[np.flatnonzero(free)[-1]])),),
+    )
+
+
+def waits(title: str, time: FloatArray, signals: Mapping[str, FloatArray]) -> Finding | None:
+    """Find a motor that stands without a current at first, in a recording whose voltage is there from end to end."""
+    answers = {name: signals[name] for name in ("i", "w") if name in signals}
+    if "v" not in signals or not answers:
+        return None
+    v = np.abs(_known(signals["v"]))
+    if len(v) < LASTS or np.min(v) <= LEFT * np.max(v):
+        return None
+    moved = np.zeros(len(time), dtype=bool)
+    for name, y in answers.items():
+        largest = quantile(np.abs(y), 0.995)
+        zero = median_of_known(y[:LASTS]) if name == "i" else 0.0
+        if not abs(zero) < STOOD * largest:
+            return None
+        moved |= np.abs(y - zero) > max(NONE * largest, MOVES * noise_deviation(y))
+    first = int(np.argmax(moved))
+    if first < LASTS or time[first] - time[0] < LONG * (time[-1] - time[0]):
+        return None
+    return Finding(
+        "unit v",
+        f"{title}: {float(np.median(v)):.4g} V are logged from the first row on, and until t = {time[first]:.6g} s the"
+        " motor stands without a current: this is the supply before a switch or a drive; say --unit v=V if the motor"
+        " then got all of it, and --scale v=FACTOR beside it if it got a part",
+        evidence=tuple(Evidence(name, float(time[0]), float(time[first])) for name in answers),
     )
 
 

@@ -29,7 +29,7 @@ from estimator.recordings.implausible_units import (
     voltage_unit,
 )
 from estimator.recordings.measured_signals import MeasuredSignals
-from estimator.recordings.odd_drives import coasts, dead_band, is_held
+from estimator.recordings.odd_drives import coasts, dead_band, is_held, waits
 from estimator.recordings.understood import Understood
 
 FloatArray = NDArray[np.float64]
@@ -58,7 +58,9 @@ def implausible_as_read(
         units={r.signal: r.unit for r in read},
         turned=turned,
     )
-    return implausible(measured, sure=frozenset(r.signal for r in read if r.unit_from == "user"))
+    said = {r.signal for r in read if r.unit_from == "user"}
+    held = signals.keys() - {r.signal for r in read}  # such as a voltage of --fix
+    return implausible(measured, sure=frozenset(said | held))
 
 
 def implausible(as_read: MeasuredSignals, *, sure: frozenset[str] = frozenset()) -> tuple[Finding, ...]:
@@ -97,6 +99,7 @@ def implausible(as_read: MeasuredSignals, *, sure: frozenset[str] = frozenset())
     found += [
         held,
         coasts(title, time, known),
+        waits(title, time, measured.signals),
         dead_band(title, time, known),
     ]
     first: dict[str, Finding] = {}  # of what is a converter's counts, or of no motor's size, no other unit is told

@@ -100,6 +100,7 @@ def preview(
                 f" ({', '.join(columns)})"
             )
     read = understood(recording, columns)
+    in_file = [r for r in read if not {columns.get(r.signal)} & recording.made.keys() & set(recording.given_units)]
     measured: dict[str, FloatArray] = {name: signals[name] for name in ("i", "w") if name in signals}
     if "angle" in signals and "w" not in signals:
         measured["w"] = np.gradient(filled(signals["angle"]), recording.time)
@@ -126,7 +127,7 @@ def preview(
         noise=noise,
         quanta=quanta,
         found=_damage(recording, measured, step),
-        findings=implausible_as_read(recording.title, recording.time, signals, read),
+        findings=implausible_as_read(recording.title, recording.time, signals, in_file),
         repeated=len(_repeated(signals)),
     )
 
