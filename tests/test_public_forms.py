@@ -128,6 +128,15 @@ class TestClocks:
         assert len(recording.time) == N - 1 and recording.even
         assert recording.not_read == ("the first row is left out: its time is off the clock of all others",)
 
+    @pytest.mark.parametrize("stamp", [0.0, 990.0, 1.7e12])
+    @pytest.mark.parametrize("print_step", [1, 20])  # ms: rows share times that are printed in the second
+    def test_so_is_a_last_row(self, stamp: float, print_step: int, tmp_path: Path) -> None:
+        stamps = print_step * np.floor(1e3 * TIME / print_step + 1e-6)
+        stamps[-1] = stamp
+        recording = read_recording(save(tmp_path, "time [ms],voltage [V],speed [rad/s]", stamps, V, W))
+        assert len(recording.time) == N - 1 and recording.even
+        assert "the last row is left out: its time is off the clock of all others" in recording.not_read
+
     def test_a_column_that_rises_evenly_is_named_where_none_is_called_time(self, tmp_path: Path) -> None:
         scipy_io = pytest.importorskip("scipy.io")
         path = tmp_path / "log.mat"

@@ -33,6 +33,7 @@ MOST_LEFT_OUT = 2  # rows at the start, of wrong stamps
 EVEN = 0.1  # of a step: steps of a column that differ by less are even
 OTHER_RATE = 0.01  # from a rate that is said, relative: that of times is another
 LONG = 100  # rows: of fewer, one whose time is off is missed more than the clock
+ALL, ALL_BUT_FIRST, ALL_BUT_LAST = slice(None), slice(1, None), slice(None, -1)  # rows
 
 
 def timed(raw: RawTable, read_as: ReadAs) -> RawTable:
@@ -143,16 +144,17 @@ def recording_of(raw: RawTable, read_as: ReadAs) -> Recording:
         raise RecordingError(f"{raw.file} has {have}; at least {MIN_SAMPLES} are needed")
     seconds_per_unit = time_unit.numerator / time_unit.denominator
     try:
-        ticks, begins = _ticks(time, place, lambda: _half_step(raw, clock, seconds_per_unit))
+        ticks, kept = _ticks(time, place, lambda: _half_step(raw, clock, seconds_per_unit))
     except RecordingError as error:
         if clock in given or not 0 < median(np.diff(time)) < TOO_FAST:
             raise
         raise RecordingError(
             f"{error}; if the times of {headers[clock].text!r} are seconds, say so with --unit time=s"
         ) from None
-    if begins:
-        columns, time = [column[begins:] for column in columns], time[begins:]
-        not_read = ("the first row is left out: its time is off the clock of all others", *not_read)
+    if kept != ALL:
+        columns, time = [column[kept] for column in columns], time[kept]
+        which = "first" if kept == ALL_BUT_FIRST else "last"
+        not_read = (f"the {which} row is left out: its time is off the clock of all others", *not_read)
     if ticks.printed:
         not_read = (
             f"the digits of the times are not used: they tell {ticks.printed:.4g} s, and rows share them; taken as"
@@ -238,15 +240,18 @@ def _half_step(raw: RawTable, clock: int, factor: float) -> FloatArray:
     return np.asarray(factor * np.maximum(half, half_single_step(times, half)))
 
 
-def _ticks(time: FloatArray, place: Callable[[int], str], half_digit: Callable[[], FloatArray]) -> tuple[Clock, int]:
-    """Return the clock of times, (m,) s, and the row at which it begins: 1 where the first alone is off it, else 0."""
+def _ticks(time: FloatArray, place: Callable[[int], str], half_digit: Callable[[], FloatArray]) -> tuple[Clock, slice]:
+    """Return the clock of times, (m,) s, and the rows that are on it: all but the first or last, where that is off."""
+
+    def of(kept: slice) -> tuple[Clock, slice]:
+        return sampling_clock(time[kept], place=place, half_digit=lambda: half_digit()[kept]), kept
+
     try:
-        return sampling_clock(time, place=place, half_digit=half_digit), 0
+        return of(ALL)
     except RecordingError:
-        if time.size < LONG:
-            raise
-        with suppress(RecordingError):
-            return sampling_clock(time[1:], place=place, half_digit=lambda: half_digit()[1:]), 1
+        for kept in (ALL_BUT_FIRST, ALL_BUT_LAST) if time.size >= LONG else ():
+            with suppress(RecordingError):
+                return of(kept)
         raise
 
 
