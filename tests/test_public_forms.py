@@ -1,6 +1,11 @@
 """Forms in which other labs publish logs, made anew from arrays that are known: headings, clocks, lines that broke."""
 
+import bz2
+import gzip
+import json
+import lzma
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -462,6 +467,88 @@ class TestOneValueARow:
         np.testing.assert_array_equal(found.signals["speed"], np.where(np.arange(N) % 10, np.nan, W))
 
 
+COLUMNS = {"time": TIME.tolist(), "voltage": V.tolist(), "speed": W.tolist()}
+OBJECTS = [dict(zip(COLUMNS, row, strict=True)) for row in zip(*COLUMNS.values(), strict=True)]
+NESTED = [{"time": row["time"], "motor": {"voltage": row["voltage"], "speed": row["speed"]}} for row in OBJECTS]
+LINES = "\n".join(map(json.dumps, OBJECTS))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        json.dumps(OBJECTS, indent=1),
+        json.dumps(COLUMNS),
+        json.dumps(NESTED),
+        json.dumps({"channel": {"id": 7}, "feeds": OBJECTS}),
+        json.dumps({name: dict(enumerate(column)) for name, column in COLUMNS.items()}),  # as pandas writes it
+        LINES,
+        f"{LINES}\n\n",
+    ],
+)
+def test_a_table_in_json_is_read(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.json"
+    path.write_text(text)
+    assert_read(path)
+    assert len(recordings_in(path)) == 1
+
+
+def test_in_json_null_is_a_missing_sample_and_a_stamp_a_time(tmp_path: Path) -> None:
+    path = tmp_path / "log.json"
+    stamps = [f"2026-11-20T10:00:0{t:.3f}Z" for t in TIME]
+    rows = [row | {"time": stamp} for row, stamp in zip(OBJECTS, stamps, strict=True)]
+    rows[5] = rows[5] | {"speed": None}
+    path.write_text(json.dumps(rows))
+    found = read_recording(path)
+    np.testing.assert_allclose(found.time, TIME, atol=1e-9)
+    assert np.flatnonzero(np.isnan(found.signals["speed"])).tolist() == [5]
+
+
+def test_a_last_line_of_json_that_is_cut_off_is_told_and_another_is_no_json(tmp_path: Path) -> None:
+    path = tmp_path / "log.jsonl"
+    path.write_text(f'{LINES}\n{{"time": 2.0, "vol')
+    assert read_recording(path).not_read == (
+        f"""line {N + 1}, the last row, is cut off and left out: '{{"time": 2.0, "vol'""",
+    )
+    path.write_text(f"{LINES}\nend\n{LINES}")
+    assert "log.jsonl begins as JSON and is none" in sentence(path)
+
+
+@pytest.mark.parametrize("kind", ["npz", "fields", "matrix"])
+def test_arrays_of_numpy_are_read(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.npz"
+    says = AS_WRITTEN
+    with path.open("wb") as file:
+        if kind == "npz":
+            np.savez(file, time=TIME, voltage=V, speed=W, about=np.array(7.0))
+        elif kind == "fields":
+            np.save(file, np.array(list(zip(TIME, V, W, strict=True)), dtype=[(name, "f8") for name in COLUMNS]))
+        else:
+            np.save(file, np.array([TIME, V, W]))
+            says = ReadAs(columns={"time": "1", "v": "2", "w": "3"})
+    found = read_recording(path, says)
+    columns = motor_columns(found, required=("v", "w"))
+    np.testing.assert_allclose(found.time, TIME, atol=1e-12)
+    np.testing.assert_array_equal(found.signals[columns["w"]], W)
+
+
+def test_arrays_of_objects_and_damaged_ones_are_refused_in_a_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "log.npz"
+    np.savez(path, time=np.array([{}], dtype=object))
+    assert "log.npz cannot be read (Object arrays cannot be loaded" in sentence(path)
+    np.savez(path, time=np.array(1.0))
+    assert "log.npz holds no vectors" in sentence(path)
+    np.savez(path, time=TIME)
+    path.write_bytes(path.read_bytes()[:2000])
+    assert "log.npz cannot be read" in sentence(path)
+
+
+@pytest.mark.parametrize("pack", [gzip.compress, bz2.compress, lzma.compress])
+def test_a_compressed_file_is_told_to_be(pack: Callable[[bytes], bytes], tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(pack(b"time,voltage\n0,1\n" * 99))
+    assert "log.csv is compressed; unpack it" in sentence(path)
+
+
 def test_a_motors_columns_go_before_the_batterys_of_the_same_device(tmp_path: Path) -> None:
     names = ",".join(f"knee[Dephy]:{of}_{name}" for name in ("current", "voltage") for of in ("battery", "motor"))
     found = read_recording(save(tmp_path, f"time,{names},velocity", TIME, V / 9, V / 7, V + 30, V, W))
@@ -526,7 +613,7 @@ def test_a_long_line_of_json_is_told_at_once(tmp_path: Path) -> None:
     path = tmp_path / "log.json"
     row = '{"time": 0.001, "voltage": 12.0, "current": 0.5}'
     path.write_text(f"[{', '.join([row] * 20_000)}]")  # a header's brackets were looked for from each character on
-    with pytest.raises(RecordingError, match=r"log\.json is JSON without the tests"):
+    with pytest.raises(RecordingError, match=r"log\.json sample 1: time does not increase"):
         recordings_in(path)
     path = path.rename(tmp_path / "log.txt")
     path.write_text(f"x {' '.join([row] * 20_000)})")

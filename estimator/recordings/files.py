@@ -11,7 +11,7 @@ from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.reading import read_recordings
 from estimator.recordings.recording import Recording
-from estimator.recordings.sysid_json import is_json, read_sysid
+from estimator.recordings.sysid_json import is_sysid, read_sysid
 
 HEAD, HEADER_LINES = 1 << 14, 60  # of a file of text: bytes and lines within which its header stands
 
@@ -22,7 +22,7 @@ def recordings_in(path: Path, read_as: ReadAs = AS_WRITTEN) -> list[Recording]:
     Parameters
     ----------
     path
-        Text, MAT, Parquet, MDF, or the JSON of WPILib's SysId.
+        Text, any of `FORMATS`, or the JSON of WPILib's SysId.
     read_as
         What the user says of it.
 
@@ -31,7 +31,7 @@ def recordings_in(path: Path, read_as: ReadAs = AS_WRITTEN) -> list[Recording]:
     RecordingError
         One sentence: what is wrong, in which line, and what would be right.
     """
-    found = read_sysid(path, read_as) if is_json(path) else read_recordings(path, read_as)
+    found = read_sysid(path, read_as) if is_sysid(path) else read_recordings(path, read_as)
     return [with_made_columns(recording, read_as) for recording in found]
 
 
@@ -40,7 +40,7 @@ def motors_in(path: Path) -> tuple[str, ...]:
 
     Only a file whose first lines name several, or one of WPILib's SysId, is read whole.
     """
-    if not is_json(path) and not _names_several(path):
+    if not is_sysid(path) and not _names_several(path):
         return ()
     try:
         for recording in recordings_in(path)[:1]:

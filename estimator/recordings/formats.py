@@ -104,11 +104,37 @@ def _mat(path: Path, head: bytes) -> Columns:
     return read_mat(path, head)
 
 
+def _json(path: Path, head: bytes) -> Columns:
+    from estimator.recordings.recording_json import read_json
+
+    return read_json(path, head)
+
+
+def _is_json(path: Path, head: bytes) -> bool:
+    from estimator.recordings.recording_json import is_json
+
+    return is_json(path, head)
+
+
+def _npz(path: Path, head: bytes) -> Columns:
+    from estimator.recordings.recording_npz import read_npz
+
+    return read_npz(path, head)
+
+
+def _is_npz(path: Path, head: bytes) -> bool:
+    from estimator.recordings.recording_npz import is_npz
+
+    return is_npz(path, head)
+
+
 FORMATS: tuple[Format, ...] = (
     Format((".parquet",), begins(b"PAR1"), _parquet),
     Format((".mf4", ".mdf", ".dat"), begins(b"MDF     ", b"UnFinMF "), _mdf),
     Format((".tdms",), begins(b"TDSm"), _tdms),
     Format((".lvm",), begins(b"LabVIEW Measurement"), _lvm),
     Format((".xlsx",), _is_xlsx, _xlsx),
+    Format((), _is_npz, _npz),  # results are called .npz, too
+    Format((), _is_json, _json),  # much else is called .json
     Format((".mat",), _is_mat, _mat),
 )

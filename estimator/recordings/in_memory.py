@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from estimator.errors import RecordingError
-from estimator.recordings.array_values import array_values
-from estimator.recordings.columns import Columns
 from estimator.recordings.headers import parse_header, role_of
 from estimator.recordings.made_columns import with_made_columns
+from estimator.recordings.named_columns import named_columns
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.reading import recording_from_columns
 from estimator.recordings.recording import Recording
@@ -52,24 +51,5 @@ def recording_from_table(name: str, table: Any, read_as: ReadAs = AS_WRITTEN) ->
             columns = {header if role_of(parse_header(header).name) == "time" else "time": index, **columns}
     attributes = getattr(table, "attrs", None)
     kept = attributes.get("units", {}) if isinstance(attributes, Mapping) else {}
-    headers, arrays, held = [], [], {}
-    for header, column in columns.items():
-        unit = kept.get(header)
-        if unit is not None and parse_header(header).unit_text is None:
-            header = f"{header} [{unit}]"
-        values, is_clock = array_values(column)
-        if values is None:
-            held[header] = "text"
-            values = np.full(len(column), np.nan)
-        if is_clock and parse_header(header).unit_text is None:
-            header = f"{header} [s]"
-        headers.append(header)
-        arrays.append(values)
-    for header, array in zip(headers, arrays, strict=True):
-        if array.ndim != 1 or array.shape != arrays[0].shape:
-            raise RecordingError(
-                f"{name}: {header!r} has shape {array.shape}; it should be one-dimensional and as long as"
-                f" {headers[0]!r}, {arrays[0].shape}"
-            )
-    recording = recording_from_columns(name, Columns(tuple(headers), tuple(arrays), held), read_as=read_as)
+    recording = recording_from_columns(name, named_columns(name, columns, kept), read_as=read_as)
     return with_made_columns(recording, read_as)

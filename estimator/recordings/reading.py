@@ -20,7 +20,7 @@ from estimator.recordings.units import FloatArray
 
 
 def read_recording(path: Path, read_as: ReadAs = AS_WRITTEN) -> Recording:
-    """Read a recording: text with a header, MAT (v4 to v7.3), Parquet, MDF, Excel or TDMS, known by its content.
+    """Read a recording: text with a header, or any of `FORMATS`, known by its content.
 
     Parameters
     ----------

@@ -13,8 +13,6 @@ The voltage is logged without its sign by some of those programs; it takes that 
 
 from __future__ import annotations
 
-import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +22,10 @@ from estimator.errors import RecordingError
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.reading import recording_from_arrays
 from estimator.recordings.recording import MIN_SAMPLES, Recording
+from estimator.recordings.recording_json import TESTS, is_json, json_content
+from estimator.recordings.suffixes import BEGINNING
 from estimator.recordings.units import FloatArray
 
-_BEGINNING = re.compile(rb"(\xef\xbb\xbf)?\s*(\[\s*)?\{")
-TESTS = ("slow-forward", "slow-backward", "fast-forward", "fast-backward")
 ONE = ("time", "voltage [V]", "position [rev]", "speed [rev/s]")
 SIDES = ("voltage_left [V]", "voltage_right [V]", "position_left [rev]", "position_right [rev]")
 SPEEDS = ("speed_left [rev/s]", "speed_right [rev/s]")
@@ -35,13 +33,14 @@ TRAIN = ("time", *SIDES, *SPEEDS, "", "")
 CHARACTERIZATION = ("time", "", "", *SIDES, *SPEEDS, "")
 
 
-def is_json(path: Path) -> bool:
-    """Return whether a file begins as a JSON object, or a list of such."""
+def is_sysid(path: Path) -> bool:
+    """Return whether a file begins as JSON with a test of this kind."""
     try:
         with Path(path).open("rb") as file:
-            return _BEGINNING.match(file.read(256)) is not None
+            head = file.read(BEGINNING)
     except OSError:
         return False  # the reader of text says what is wrong
+    return is_json(path, head) and any(f'"{test}"'.encode() in head for test in TESTS)
 
 
 def read_sysid(path: Path, read_as: ReadAs) -> list[Recording]:
@@ -53,15 +52,10 @@ def read_sysid(path: Path, read_as: ReadAs) -> list[Recording]:
         It is no JSON, or not of this kind, or a row is none.
     """
     path = Path(path)
-    try:
-        content: Any = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (ValueError, RecursionError) as error:
-        raise RecordingError(f"{path.name} begins as JSON and is none ({error}); export the recording as CSV") from None
+    content, _ = json_content(path)
     tests = [test for test in TESTS if isinstance(content, dict) and content.get(test)]
     if not tests:
-        raise RecordingError(
-            f"{path.name} is JSON without the tests of WPILib's SysId ({', '.join(TESTS)}); export the recording as CSV"
-        )
+        raise RecordingError(f"{path.name}: its tests of WPILib's SysId hold nothing; record them again")
     if read_as.test is not None:
         if read_as.test not in tests:
             raise RecordingError(f"{path.name} has no test {read_as.test!r}; it holds {', '.join(tests)}")

@@ -14,6 +14,7 @@ _MINUS = "\u2212"  # as spreadsheets write it in the north of Europe
 _CONTROL = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a\x1b"))  # never in a text
 _WORDS = (("时间", "gb18030"), ("時間", "big5"), ("時間", "shift_jis"), ("Время", "cp1251"), ("время", "cp1251"))
 _TIMES = {word.encode(code): code for word, code in _WORDS}
+_COMPRESSED = (b"\x1f\x8b", b"PK\3\4", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd", b"7z\xbc\xaf", b"Rar!")
 _HEAD = 4096  # bytes within which a word for the time tells how a Chinese, Japanese or Russian file is written
 
 
@@ -34,7 +35,7 @@ def read_text(path: Path) -> tuple[str, str]:
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         encodings = ("utf-16",)
     elif len(data := data.rstrip(b"\0")) != len(data.translate(None, _CONTROL)):
-        if data.startswith((b"\x1f\x8b", b"PK\3\4")):
+        if data.startswith(_COMPRESSED):
             raise RecordingError(f"{path.name} is compressed; unpack it, and give the file that was in it")
         raise RecordingError(f"{path.name} is not a text file; export the recording as CSV")
     encodings = (*(code for word, code in _TIMES.items() if word in data[:_HEAD]), *encodings)
