@@ -425,6 +425,17 @@ class TestOneValueARow:
         )
         assert_read(self.write(tmp_path, *(line for table in tables for line in (*header, *table, ""))))
 
+    def test_a_state_that_is_said_now_and_then_makes_no_row(self, tmp_path: Path) -> None:
+        rows = (f"{t},NT:/motor/{name},{x}" for t, v, w in ROWS for name, x in (("voltage", v), ("velocity", w)))
+        said = ("-0.7,systemTime,1700000000", '-0.5,messages,"on, ok"', "0.1012,DS:enabled,true")
+        path = self.write(tmp_path, "Timestamp,Name,Value", *said, *rows)
+        assert_read(path)
+        assert {"systemTime", "messages", "DS:enabled"} <= set(read_recording(path).headers)
+
+    def test_a_name_and_a_value_beside_a_motors_columns_are_columns(self, tmp_path: Path) -> None:
+        rows = (f"{t},run 7,{k},{v},{w}" for k, (t, v, w) in enumerate(ROWS))
+        assert_read(self.write(tmp_path, "time,name,value,voltage,speed", *rows))
+
     def test_a_column_of_units_says_them(self, tmp_path: Path) -> None:
         rows = (f"{t};{n};{x};{u}" for t, v, w in ROWS for n, x, u in (("voltage", v, "V"), ("speed", w, "rad/s")))
         path = self.write(tmp_path, "time;signal;value;unit", *(row.replace(".", ",") for row in rows))

@@ -7,14 +7,17 @@ TwinCAT Scope gives each signal a time of its own, and Teleplot a line: ``>speed
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from estimator.recordings.headers import parse_header, plain, rank_in_role
+from estimator.recordings.headers import parse_header, plain, rank_in_role, role_of
+from estimator.recordings.recording import MIN_SAMPLES
 from estimator.recordings.text_cells import holds_numbers_only, number_in, split_cells
 
-NAMES = ("field", "topic", "signal", "signal_name", "name", "variable", "channel", "sensor", "metric", "series", "key")
-VALUES, UNITS = ("value", "val"), ("unit", "units")
+NAMES = ("field", "topic", "signal", "signal_name", "name", "tag_name", "tag", "variable", "channel")
+NAMES += ("sensor", "sensor_id", "metric", "series", "key")
+VALUES, UNITS = ("value", "val", "reading"), ("unit", "units")
 SETTINGS = 60  # lines of them above a TwinCAT Scope's numbers, at most
 MOST = 0.5  # of the lines that say anything: in more of them a Teleplot's value stands
 EVERY = "sampletime[ms]"  # a TwinCAT Scope says it of each signal
@@ -40,7 +43,8 @@ def with_names_read(lines: list[str]) -> list[str]:
             next((keys.index(key) for key in wanted if key in keys), None) for wanted in (NAMES, VALUES, UNITS)
         )
         times = [(rank, j) for j, cell in enumerate(header) if (rank := _rank(cell)) is not None]
-        if name is None or value is None or not times:
+        others = {role_of(parse_header(cell).name) for cell in header} - {"time", None}
+        if name is None or value is None or not times or others:
             continue
         clock, found, again = min(times)[1], [], []
         for k, line in enumerate(lines[at + 1 :], at + 1):
@@ -90,6 +94,10 @@ def with_teleplot_read(lines: list[str]) -> list[str]:
     return _of_all(lines, "time [ms]", found[0].line, found)
 
 
+def _number(text: str) -> float | None:
+    return number_in(text.replace(",", "."), ".")
+
+
 def _rank(cell: str) -> int | None:
     return rank_in_role(parse_header(cell).name, "time")
 
@@ -97,17 +105,23 @@ def _rank(cell: str) -> int | None:
 def _of_all(lines: list[str], clock: str, at: int, values: list[Value], blank: Iterable[int] = ()) -> list[str]:
     """Return the lines: a header in line `at`, a row where the last value of its time stands, if each has a line.
 
-    A second value of one name at one time makes a second row.
+    A second value of one name at one time makes a second row. What has few numbers, such as a state, makes none.
     """
     names = list(dict.fromkeys(sample.name for sample in values))
+    numbers = Counter(sample.name for sample in values if _number(sample.value) is not None)
+    often = {name for name, count in numbers.items() if count >= MIN_SAMPLES} or set(names)
     rows: dict[tuple[str, int], dict[str, str]] = {}
     last: dict[tuple[str, int], int] = {}
     count: dict[tuple[str, str], int] = {}
-    for sample in values:
+    for sample in sorted(values, key=lambda sample: sample.name not in often):
         again = count[sample.name, sample.time] = count.get((sample.name, sample.time), -1) + 1
-        rows.setdefault((sample.time, again), {})[sample.name] = sample.value
-        last[sample.time, again] = sample.line
-    seconds = {time: number_in(time.replace(",", "."), ".") for time, _ in rows}
+        key = (sample.time, again)
+        if sample.name in often:
+            last[key] = max(sample.line, last.get(key, 0))
+        elif key not in last:
+            continue
+        rows.setdefault(key, {})[sample.name] = sample.value
+    seconds = {time: _number(time) for time, _ in rows}
     if None in seconds.values():  # dates, whose order is that of their texts
         ordered = sorted(rows, key=lambda key: (key[0].removesuffix("Z"), key[1]))
     else:
