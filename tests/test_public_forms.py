@@ -432,6 +432,13 @@ class TestOneValueARow:
         assert_read(path)
         assert {"systemTime", "messages", "DS:enabled"} <= set(read_recording(path).headers)
 
+    def test_too_many_names_at_too_many_times_are_told(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """16 MB of a robot's log, 200 names at 600 000 times, took two minutes."""
+        monkeypatch.setattr("estimator.recordings.long_lines.CELLS", 799)
+        rows = (f"{t},{name},{x}" for t, v, w in ROWS for name, x in (("voltage", v), ("speed", w)))
+        told = sentence(self.write(tmp_path, "time,name,value", *rows))
+        assert told == "log.csv holds values of 2 names at 400 times; keep the motor's signals alone"
+
     def test_a_name_and_a_value_beside_a_motors_columns_are_columns(self, tmp_path: Path) -> None:
         rows = (f"{t},run 7,{k},{v},{w}" for k, (t, v, w) in enumerate(ROWS))
         assert_read(self.write(tmp_path, "time,name,value,voltage,speed", *rows))

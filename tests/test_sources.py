@@ -1,7 +1,9 @@
 """What `estimate` may be given: several recordings, patterns, stdin; and what it says of anything else."""
 
 import io
+import os
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import forked
@@ -76,6 +78,21 @@ def test_stdin_is_a_file_as_long_as_it_is_needed(monkeypatch):
         assert path.name == "stdin" and path.read_bytes() == RECORDING.read_bytes()
     assert not path.exists()
     assert expanded(["-", str(RECORDING)]) == ["-", str(RECORDING)]
+
+
+def test_a_pipe_with_a_name_is_a_file_as_long_as_it_is_needed(tmp_path, capsys):
+    """It was opened twice: `check run.fifo` waited without end, and of `check <(zcat run.csv.gz)` nothing was left."""
+    pipe = tmp_path / "run.fifo"
+    os.mkfifo(pipe)
+    with ThreadPoolExecutor() as writers:
+        writers.submit(pipe.write_bytes, RECORDING.read_bytes())
+        with case_of([str(pipe)]) as case:
+            (path,) = case.recordings
+            assert path.name == "run.fifo" and path.read_bytes() == RECORDING.read_bytes()
+        assert not path.exists()
+        writers.submit(pipe.write_bytes, RECORDING.read_bytes())
+        said = fails(capsys, "estimate", str(pipe), "--save-case", str(tmp_path / "x.case.toml"))
+    assert said.endswith("run.fifo is none; save it to a file first")
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from estimator.commands.options import (
     with_options,
     with_tolerances,
 )
-from estimator.commands.sources import STDIN, case_of, expanded
+from estimator.commands.sources import STDIN, case_of, expanded, is_stream
 from estimator.commands.terminal import complain, say
 from estimator.errors import InputError
 from estimator.estimating.progress import LiveLine, Progress, is_live
@@ -41,8 +41,9 @@ def _estimate(args: argparse.Namespace, case: Case) -> int:
     if args.save_case:
         from estimator.cases.written_case import write_case
 
-        if STDIN in args.sources:
-            raise InputError("--save-case names the recording's file, and stdin is none; save it to a file first")
+        if stream := next(filter(is_stream, args.sources), None):
+            name = "stdin" if stream == STDIN else stream
+            raise InputError(f"--save-case names the recording's file, and {name} is none; save it to a file first")
         if Path(args.save_case).exists():
             raise InputError(f"{args.save_case} is there already; give another name with --save-case, or remove it")
         write_case(case, Path(args.save_case))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import glob
 import os
+import stat
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -121,17 +122,29 @@ def _folder(folder: str, command: str) -> str:
     )
 
 
+def is_stream(file: str) -> bool:
+    """Return whether a file can be read but once: stdin, a pipe with a name, what a shell's <(…) gives."""
+    try:
+        return file == STDIN or stat.S_ISFIFO(os.stat(file).st_mode)
+    except OSError:
+        return False  # its reader says what is wrong
+
+
 @contextlib.contextmanager
 def _paths(files: Sequence[str], *, command: str) -> Iterator[list[Path]]:
     with contextlib.ExitStack() as stack:
-        yield [stack.enter_context(_stdin(command)) if file == STDIN else Path(os.path.abspath(file)) for file in files]
+        yield [
+            stack.enter_context(_kept(file, command)) if is_stream(file) else Path(os.path.abspath(file))
+            for file in files
+        ]
 
 
 @contextlib.contextmanager
-def _stdin(command: str) -> Iterator[Path]:
-    if sys.stdin is None or sys.stdin.isatty():
+def _kept(file: str, command: str) -> Iterator[Path]:
+    """Give a file with what comes through a stream."""
+    if file == STDIN and (sys.stdin is None or sys.stdin.isatty()):
         raise InputError(f"- stands for stdin, but nothing is piped into it; write {PROGRAM} {command} - < {RUN}")
     with tempfile.TemporaryDirectory(prefix="fmu-estimator-") as folder:
-        path = Path(folder) / "stdin"
-        path.write_bytes(sys.stdin.buffer.read())
+        path = Path(folder) / ("stdin" if file == STDIN else os.path.basename(file))
+        path.write_bytes(sys.stdin.buffer.read() if file == STDIN else Path(file).read_bytes())
         yield path

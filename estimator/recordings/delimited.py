@@ -94,10 +94,10 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
         The file is missing, no text, empty, without a header, or a row has too few or too many cells.
     """
     written, encoding = read_text(path)
-    rewritten = rewriter(written.split("\n", HEADER_LINES)[:HEADER_LINES])
+    rewritten = _rewritten(path, written)
     if rewritten is None and (plain := _plain_table(path, written, encoding, rules)) is not None:
         return plain
-    as_written = written.split("\n") if rewritten is None else rewritten(written.split("\n"))
+    as_written = written.split("\n") if rewritten is None else rewritten
     lines, is_labelled = delimited_lines(as_written, rules.is_header)
     while lines and not lines[-1].strip(EMPTY):
         lines.pop()  # rows of empty cells at the end
@@ -159,6 +159,15 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
         above=cells_above(lines, at, delimiter, width) if bare else (),
         not_read=tuple(not_read),
     )
+
+
+def _rewritten(path: Path, written: str) -> list[str] | None:
+    """Return the lines of a text that is no header above rows, written so; None where it is."""
+    way = rewriter(written.split("\n", HEADER_LINES)[:HEADER_LINES])
+    try:
+        return None if way is None else way(written.split("\n"))
+    except OverflowError as error:
+        raise RecordingError(f"{path.name} {error}") from None
 
 
 def _plain_table(path: Path, written: str, encoding: str, rules: HeaderRules) -> Table | None:

@@ -15,9 +15,10 @@ from estimator.recordings.headers import parse_header, plain, rank_in_role, role
 from estimator.recordings.recording import MIN_SAMPLES
 from estimator.recordings.text_cells import holds_numbers_only, number_in, split_cells
 
-NAMES = ("field", "topic", "signal", "signal_name", "name", "tag_name", "tag", "variable", "channel")
+NAMES: tuple[str, ...] = ("field", "topic", "signal", "signal_name", "name", "tag_name", "tag", "variable", "channel")
 NAMES += ("sensor", "sensor_id", "metric", "series", "key")
 VALUES, UNITS = ("value", "val", "reading"), ("unit", "units")
+CELLS = 20_000_000  # at most: so many take some ten seconds
 SETTINGS = 60  # lines of them above a TwinCAT Scope's numbers, at most
 MOST = 0.5  # of the lines that say anything: in more of them a Teleplot's value stands
 EVERY = "sampletime[ms]"  # a TwinCAT Scope says it of each signal
@@ -106,6 +107,11 @@ def _of_all(lines: list[str], clock: str, at: int, values: list[Value], blank: I
     """Return the lines: a header in line `at`, a row where the last value of its time stands, if each has a line.
 
     A second value of one name at one time makes a second row. What has few numbers, such as a state, makes none.
+
+    Raises
+    ------
+    OverflowError
+        There are too many names at too many times.
     """
     names = list(dict.fromkeys(sample.name for sample in values))
     numbers = Counter(sample.name for sample in values if _number(sample.value) is not None)
@@ -121,6 +127,8 @@ def _of_all(lines: list[str], clock: str, at: int, values: list[Value], blank: I
         elif key not in last:
             continue
         rows.setdefault(key, {})[sample.name] = sample.value
+    if len(rows) * len(names) > CELLS:
+        raise OverflowError(f"holds values of {len(names)} names at {len(rows)} times; keep the motor's signals alone")
     seconds = {time: _number(time) for time, _ in rows}
     if None in seconds.values():  # dates, whose order is that of their texts
         ordered = sorted(rows, key=lambda key: (key[0].removesuffix("Z"), key[1]))
