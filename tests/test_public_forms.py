@@ -471,6 +471,17 @@ class TestOneValueARow:
         path = self.write(tmp_path, "booting", *rows)
         assert_read(path)
 
+    def test_teleplots_lines_may_hold_several_samples_and_times_of_day_are_none(self, tmp_path: Path) -> None:
+        parts = [ROWS[k : k + 50] for k in range(0, N, 50)]
+        rows = (
+            f"{name}:{';'.join(f'{round(1000 * float(row[0]))}:{row[j]}' for row in part)}"
+            for part in parts
+            for j, name in ((1, "voltage"), (2, "speed"))
+        )
+        assert_read(self.write(tmp_path, *rows))
+        many = ":".join(["7" * 40] * 40)  # each of its ways to be split was tried
+        assert "there is no time column" in sentence(self.write(tmp_path, *[f"Time:12:34:{many} x|y z"] * 20))
+
     @pytest.mark.parametrize("mark", ["\t", ";"])
     def test_twincat_scope_has_a_time_for_each_signal(self, mark: str, tmp_path: Path) -> None:
         settings = [("Name", "Scope"), ("Starttime of export", "133123456789012345"), ("",)]

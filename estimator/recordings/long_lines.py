@@ -22,7 +22,8 @@ CELLS = 20_000_000  # at most: so many take some ten seconds
 SETTINGS = 60  # lines of them above a TwinCAT Scope's numbers, at most
 MOST = 0.5  # of the lines that say anything: in more of them a Teleplot's value stands
 EVERY = "sampletime[ms]"  # a TwinCAT Scope says it of each signal
-_TELEPLOT = re.compile(r">?([^\W\d][^:|§]*):((?:-?\d+(?:\.\d*)?:[^:;|§]+;?)+)(?:§([^|]*))?(?:\|\w*)?")
+_SAMPLE = r"-?\d+(?:\.\d*)?:[^:;|§]+"
+_TELEPLOT = re.compile(rf">?([^\W\d][^:|§]*):({_SAMPLE}(?:;{_SAMPLE})*);?(?:§([^|]*))?(?:\|\w*)?")
 
 
 class Value(NamedTuple):
@@ -89,7 +90,7 @@ def with_teleplot_read(lines: list[str]) -> list[str]:
     found = []
     for k, match in matches:
         name, samples, unit = match.groups()
-        for sample in samples.strip(";").split(";"):
+        for sample in samples.split(";"):
             time, value = sample.split(":")
             found.append(Value(k, f"{name} [{unit}]" if unit else name, time, value))
     return _of_all(lines, "time [ms]", found[0].line, found)

@@ -76,7 +76,7 @@ def with_start_and_step(lines: list[str]) -> list[str]:
     if found is None or start is None or not step:
         return lines
     names = [re.sub(r"V$", " [V]", name.strip()) for name in found[1].split(",")]
-    rows = [[cell for cell in split_cells(line, ",") if cell] for line in lines[1:]]
+    rows = [split_cells(bare, ",") if (bare := line.rstrip(", \t")) else [] for line in lines[1:]]
     channels = names[1:] if role_of(parse_header(names[0]).name) == "time" else names
     if len(rows[0] if rows else names) > len(channels):
         return [",".join(names), *(",".join(row) for row in rows)]
