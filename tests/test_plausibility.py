@@ -319,6 +319,8 @@ def test_a_voltage_that_is_there_before_the_motor_has_a_current_is_the_supplys(s
     measured = {name: y for name, y in measured.items() if name in {"v", *seen}}
     (finding,) = found(time, measured)
     assert finding.kind == "unit v" and "this is the supply before a switch" in finding.sentence
+    (turned,) = found(time, {name: -y for name, y in measured.items()})
+    assert ": -2" in turned.sentence and turned.kind == finding.kind
     assert found(time, measured, sure=frozenset({"v"})) == ()
 
 

@@ -77,8 +77,8 @@ def waits(title: str, time: FloatArray, signals: Mapping[str, FloatArray]) -> Fi
     answers = {name: signals[name] for name in ("i", "w") if name in signals}
     if "v" not in signals or not answers:
         return None
-    v = np.abs(_known(signals["v"]))
-    if len(v) < LASTS or np.min(v) <= LEFT * np.max(v):
+    v = _known(signals["v"])
+    if len(v) < LASTS or np.min(np.abs(v)) <= LEFT * np.max(np.abs(v)):
         return None
     moved = np.zeros(len(time), dtype=bool)
     for name, y in answers.items():
