@@ -77,9 +77,10 @@ def test_a_sheet_of_few_rows_with_a_time_is_no_recording_beside_one(tmp_path: Pa
     check_nearly(xlsx(tmp_path / "run3.xlsx", [["time", "by"], [12, "J. Doe"]], [HEADER, *ROWS]))
 
 
-def test_an_empty_cell_of_excel_is_a_missing_sample(tmp_path: Path) -> None:
+@pytest.mark.parametrize("cell", [None, "NaN", "#N/A", "#DIV/0!"])
+def test_an_empty_cell_of_excel_is_a_missing_sample(cell: str | None, tmp_path: Path) -> None:
     rows = [list(row) for row in ROWS]
-    rows[7][2] = None
+    rows[7][2] = cell
     recording = read_recording(xlsx(tmp_path / "run3.xlsx", [HEADER, *rows]))
     assert np.flatnonzero(np.isnan(recording.signal("current"))).tolist() == [7]
 

@@ -16,7 +16,7 @@ from estimator.errors import RecordingError, to_install
 from estimator.recordings.columns import Columns
 from estimator.recordings.headers import are_units, parse_header, role_of
 from estimator.recordings.recording import MIN_SAMPLES
-from estimator.recordings.text_cells import is_word
+from estimator.recordings.text_cells import is_there, is_word
 from estimator.recordings.text_header import WORDS_BELOW, begins_with_a_word, said_below
 from estimator.recordings.units import FloatArray
 
@@ -135,7 +135,7 @@ def _columns(where: str, at: int, rows: list[Row]) -> Columns:
 
 def _text_among(cells: Sequence[Any], values: FloatArray) -> int | None:
     """Return the first cell that is written and no number."""
-    return next((k for k, cell in enumerate(cells) if _text(cell) and np.isnan(values[k])), None)
+    return next((k for k, cell in enumerate(cells) if is_there(_text(cell)) and np.isnan(values[k])), None)
 
 
 def _numbers(cells: Sequence[Any]) -> tuple[FloatArray, bool]:

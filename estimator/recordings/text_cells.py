@@ -12,10 +12,12 @@ import numpy as np
 from estimator.recordings.units import FloatArray
 
 Cells = list[str]
-_MISSING = frozenset(
+_NOT_THERE = frozenset(
     ("nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "1.#qnan", "-1.#ind", "-nan", "nan(ind)")
 )
-_MISSING |= {"ol", "o.l", "o.l.", "overload", "over", "ovrflw", "overflow", "overrange"}  # of a meter beyond its range
+_NOT_THERE |= {"#div/0!", "#value!", "#ref!", "#num!", "#name?", "#null!"}  # of a spreadsheet that could not compute it
+_BEYOND = {"ol", "o.l", "o.l.", "overload", "over", "ovrflw", "overflow", "overrange"}  # of a meter beyond its range
+_MISSING = _NOT_THERE | _BEYOND
 EMPTY = ' \t,;"'
 _THOUSANDS = {  # decimal mark → a number in which the other one parts thousands: by both marks, no doubt
     ".": re.compile(r"[-+]?\d{1,3}(?:,\d{3})+\.\d+"),
@@ -129,6 +131,11 @@ def holds_numbers_only(line: str) -> bool:
     """Tell whether a line holds numbers only, in whatever dialect."""
     cells = re.split(r'[\s,;"]+', line.strip(EMPTY))
     return all(number_in(cell, ".") is not None for cell in cells)
+
+
+def is_there(cell: str) -> bool:
+    """Tell whether a cell is written, and not by a program that had no sample."""
+    return bool(cell) and cell.lower() not in _NOT_THERE
 
 
 def is_word(cell: str) -> bool:
