@@ -303,11 +303,11 @@ def test_a_misfit_that_is_enough_is_not_made_smaller_and_one_that_is_not_is_as_s
 WAITS = 60  # rows
 
 
-def switched_on_late(volts=24.0, *, noise=0.0):
+def switched_on_late(volts=24.0, *, noise=0.0, samples=1000):
     """Return times and signals of a motor that gets a step, beside a supply's voltage in every row."""
-    time, measured = signals(CML050, interval=1e-3, samples=1000)
-    first = 1000 // 6 - WAITS
-    supply = volts * (1 + noise * np.random.default_rng(1).standard_normal(1000))
+    time, measured = signals(CML050, interval=1e-3, samples=samples)
+    first = samples // 6 - WAITS
+    supply = volts * (1 + noise * np.random.default_rng(1).standard_normal(samples))
     return time[first:], {**{name: y[first:] for name, y in measured.items()}, "v": supply[first:]}
 
 
@@ -322,6 +322,11 @@ def test_a_voltage_that_is_there_before_the_motor_has_a_current_is_the_supplys(s
     (turned,) = found(time, {name: -y for name, y in measured.items()})
     assert ": -2" in turned.sentence and turned.kind == finding.kind
     assert found(time, measured, sure=frozenset({"v"})) == ()
+
+
+def test_a_wait_that_is_short_in_a_long_recording_is_long_beside_the_motors_rise():
+    (finding,) = found(*switched_on_late(samples=6000))
+    assert finding.kind == "unit v"
 
 
 def test_a_motor_that_answers_at_once_or_runs_or_is_switched_off_has_its_own_voltage():

@@ -27,7 +27,7 @@ WINDING = 0.15  # of the current's deviation: more is no winding that stands sti
 MOVES = 8.0  # deviations of the noise from end to end: less is no movement
 BAND = 0.08  # of a ramp: a dead band
 LEFT = 0.5  # of the largest voltage: one that is never less does not show what was switched
-LONG = 0.05  # of a recording: so long no motor takes to answer
+LONG, RISES = 0.05, 3  # of a recording, times the speed's own rise: so long no drive takes to answer
 STOOD = 0.4  # of the speed of a motor that lags: less is one that stood
 
 
@@ -88,7 +88,8 @@ def waits(title: str, time: FloatArray, signals: Mapping[str, FloatArray]) -> Fi
             return None
         moved |= np.abs(y - zero) > max(NONE * largest, MOVES * noise_deviation(y))
     first = int(np.argmax(moved))
-    if first < LASTS or time[first] - time[0] < LONG * (time[-1] - time[0]):
+    waited = float(time[first] - time[0])
+    if first < LASTS or waited < min(LONG * float(time[-1] - time[0]), RISES * _rise(time, signals.get("w"), first)):
         return None
     return Finding(
         "unit v",
@@ -137,6 +138,14 @@ def dead_band(title: str, time: FloatArray, signals: Mapping[str, FloatArray]) -
         " or of the driver, which the plain motor has not; estimate it with --fmu dc_motor_friction",
         evidence=(Evidence("w", float(t[0]), float(begins)),),
     )
+
+
+def _rise(time: FloatArray, w: FloatArray | None, first: int) -> float:
+    """Return how long after a row a speed takes to most of its largest, s; without end where it is not measured."""
+    if w is None:
+        return math.inf
+    far = np.abs(w[first:]) > (1 - 1 / math.e) * quantile(np.abs(w), 0.995)
+    return float(time[first + int(np.argmax(far))] - time[first]) if far.any() else math.inf
 
 
 def _known(y: FloatArray) -> FloatArray:
