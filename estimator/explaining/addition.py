@@ -122,6 +122,8 @@ class Addition:
     parts : of what is added to several recordings at once, what is added to each
     untold : bool
         No such recording tells it, whatever rounding, or a voltage of nearly nothing, seems to show.
+    foretold : bool
+        All such recordings have it.
     """
 
     effect: Effect
@@ -138,6 +140,7 @@ class Addition:
     unit: str = ""
     again: bool = False
     untold: bool = False
+    foretold: bool = False
     parts: tuple[Addition, ...] = ()
 
     def penalty(self, samples: int) -> float:
@@ -153,8 +156,8 @@ class Addition:
 
     @property
     def is_foretold(self) -> bool:
-        """Whether the recordings show its coefficient elsewhere: it is no number that is free."""
-        return self.linear is not None and self.linear.foretold
+        """Whether it is no number that is free: all such recordings have it, or show its coefficient elsewhere."""
+        return self.foretold or (self.linear is not None and self.linear.foretold)
 
     def shows_in(self, simulator: Simulator) -> NDArray[np.intp]:
         """Return the places of the outputs in which it shows; all, where it moves the motor."""

@@ -241,6 +241,7 @@ class AdditionTests:
                     effect, nuisance.name, max(1, len(free)), gain, starts=starts, free=free,
                     scores=best[w][1], across=best[w][2], tried=len(nuisance.tries),
                     usual=_times(nuisance, best[w][3]) * reach, unit=nuisance.unit, untold=nuisance.untold,
+                    foretold=nuisance.foretold,
                 )  # fmt: skip
 
 

@@ -38,6 +38,7 @@ from estimator.explaining.addition import (
     without_columns,
 )
 from estimator.explaining.addition_tests import AdditionTests
+from estimator.explaining.common_number import in_common
 from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.explaining.explanation import (
     MOST_ADDITIONS,
@@ -444,8 +445,12 @@ class Selection:
         return explanation if slimmer is whole else with_noise(slimmer, self.differenced, again=True)
 
     def _slimmer(self, explanation: Explanation) -> Iterator[Explanation]:
-        """Return the explanation without each of those additions that may be idle: no other makes no sense without."""
+        """Return the explanation without each of those additions that may be idle: no other makes no sense without.
+
+        So may all but one of the numbers be that each recording has for itself.
+        """
         excess = explanation.excess(self.tests.samples)
+        yield from in_common(explanation, self.tests.samples)
         for addition in explanation.additions:
             if is_needed(explanation.fit, addition, explanation.additions):
                 continue

@@ -19,7 +19,8 @@ EARLIEST, LATEST = 10.0, 0.5  # samples before; of the recording's length after
 class Delay(Effect):
     """A delay of all outputs behind the inputs, s, of one recording; and one that all recordings have, beside theirs.
 
-    A controller that runs at its own rate delays every recording by another time, a drive all of them by the same.
+    A controller that runs at its own rate delays every recording by another time, a drive all of them by the same. A
+    measured voltage that jumps shows that in the row behind: all are before their inputs by a part of a row.
     """
 
     name: str = "delay"
@@ -38,12 +39,15 @@ class Delay(Effect):
                 Nuisance(
                     name, "s", -max(EARLIEST * h, o.early), max(longest, 20 * h), 0.0, h,
                     place=SensorPlace("delay", e), tries=(0.5 * h, 2 * h, -0.5 * h, -2 * h),
+                    foretold=o.is_measured and (bool(o.jumps) or not plan.case.linear),
                 )
             )  # fmt: skip
         if 1 < len(found) == len(plan.observed):
             least, most = max(n.lower for n in found), min(n.upper for n in found)
             found.append(
-                dataclasses.replace(found[0], name=self.name, lower=least, upper=most, place=SensorPlace("delay"))
+                dataclasses.replace(
+                    found[0], name=self.name, lower=least, upper=most, place=SensorPlace("delay"), foretold=False
+                )
             )
         return found
 
