@@ -118,11 +118,16 @@ class AdditionTests:
         tried = [list(self._tried(fit, s, wanted, test, beside=beside)) for s, wanted in [*by_simulator.values()][::-1]]
         result += itertools.chain.from_iterable(tried[::-1])
         stems = {(b.effect, stem) for b in explanation.additions if (stem := self._stem(b.name)) != b.name}
-        result = [dataclasses.replace(a, again=True) if (a.effect, self._stem(a.name)) in stems else a for a in result]
+        result = [dataclasses.replace(a, again=True) if self._is_again(a, stems) else a for a in result]
         if beside is None:
             known = weakref.ref(fit), fit.simulator, fit.whitener, fit.names, fit.cost, tuple(effects)
             self._tested = _Tested(*known, result)
         return result
+
+    def _is_again(self, a: Addition, stems: set[tuple[Effect, str]]) -> bool:
+        """Whether an addition of a recording is known of another one: not where it is of all of them."""
+        stem = self._stem(a.name)
+        return stem != a.name and (a.effect, stem) in stems
 
     def _stem(self, name: str) -> str:
         """Return the name of an addition without that of its recording, where it has one of its own."""

@@ -61,7 +61,7 @@ def found_effects(explanation: Explanation, plan: Plan) -> list[Found]:
             alike = len(set(a.linear.units)) == 1 < len(own)  # a cosine and a sine: the amplitude
             size = float(np.sqrt(2 * np.mean(np.square(own)))) if alike else own[0]
         else:
-            size = fit.value(a.name)
+            size = a.effect.size(fit, a.name)
         if told := a.effect.tell(a.name, size, plan):
             found.append(Found(a.effect.name, a.name, told, a.effect.doubted(a.name, size, plan)))
     return found

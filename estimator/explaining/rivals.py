@@ -151,7 +151,7 @@ def _without_absurd(
         a.effect.name
         for a in explanation.additions
         if a.name in fit.simulator.index
-        and (a.effect.is_last or (not a.effect.doubt and a.effect.doubted(a.name, fit.value(a.name), plan)))
+        and (a.effect.is_last or (not a.effect.doubt and a.effect.doubted(a.name, a.effect.size(fit, a.name), plan)))
     }
     if not absurd:
         return None

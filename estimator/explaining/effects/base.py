@@ -132,6 +132,10 @@ class Effect:
         """Return by how much parameters change during a recording: what is estimated is their mean."""
         return {}
 
+    def size(self, fit: Fit, name: str) -> float:
+        """Return how large a nuisance parameter is told to be."""
+        return fit.value(name)
+
     def doubted(self, name: str, value: float, plan: Plan) -> str:
         """Return why an estimate that needs it at this size is doubtful; "" where it is harmless once modelled."""
         return self.doubt

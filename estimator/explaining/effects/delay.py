@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from estimator.explaining.effects.base import Effect
+from estimator.fitting.fit import Fit
 from estimator.fitting.simulator import Nuisance, per_recording
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import Plan
@@ -60,6 +61,11 @@ class Delay(Effect):
             if o.delay != 0 and f"delay of {e}" not in plan.declared and moves:
                 found[name] = o.delay
         return found
+
+    def size(self, fit: Fit, name: str) -> float:
+        """Return by how much a recording is late in all, with what all of them are."""
+        names = per_recording(fit.simulator.plan, self.name)
+        return fit.delay(names.index(name)) if name in names else fit.value(name)
 
     def doubted(self, name: str, value: float, plan: Plan) -> str:
         """Say that no motor responds before its input: the clock is wrong, or another effect is taken for a delay.
