@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
-from estimator import estimate_parameters, recording_from_arrays
+from estimator import estimate_parameters, recording_from_arrays, simulate_fmu
 from estimator.explaining.between_runs import between_runs, sentence
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
@@ -226,3 +226,23 @@ def test_what_differs_between_runs_moves_only_itself_where_it_is_estimated_for_e
     assert one == other and one.parameter == 1
     assert each.covariance[1, 1] == pytest.approx((one.deviation * one.widened) ** 2 / 4)
     assert np.count_nonzero(each.covariance) == 1 and np.count_nonzero(shared.covariance) == 9
+
+
+def test_dry_friction_differs_from_run_to_run_as_the_viscous_one_does():
+    """Bearings that run warm or cold: shared by all runs, the dry one made B of one of them 25 % too large."""
+    times, volts = np.arange(1400) * 1e-3, np.repeat([0.0, 5.0, 10.0], [100, 600, 700])
+    motor, rubs = {"R": 2.0, "K": 0.05, "L": 3e-3, "J": 4e-5, "B": 5e-5}, (1.0, 1.06, 0.97)
+    recordings = []
+    for seed, times_as_much in enumerate(rubs):
+        own = motor | {"B": 5e-5 * times_as_much, "friction": 0.012 * times_as_much}
+        shown = simulate_fmu("dc_motor_friction", times=times, inputs={"v": volts}, parameters=own)
+        rng = np.random.default_rng(seed)
+        i, w = (shown[n] + s * rng.standard_normal(len(times)) for n, s in (("i", 0.01), ("w", 0.3)))
+        columns = {"voltage [V]": volts, "current [A]": i, "speed [rad/s]": w}
+        recordings.append(recording_from_arrays(f"run{seed + 1}", times, columns))
+    result = estimate_parameters(recordings, workers=1)
+    told = next(note for note in result.notes if note.startswith("between runs B"))
+    assert result.verdict == "ok" and "run2 has it" in told and "above the others" in told, (result.reasons, told)
+    assert not any(note.startswith("between runs") and note is not told for note in result.notes)
+    apart = float(told.split("run2 has it ")[1].split(" %")[0])
+    assert apart == pytest.approx(100 * (1.06 / 0.985 - 1), abs=0.5)
