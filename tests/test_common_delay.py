@@ -1,11 +1,17 @@
 """Recordings of one bench that are all as late: one delay of all of them, beside what each is later by itself."""
 
+from types import SimpleNamespace
+
 import fine_motor
 import numpy as np
 import pytest
 from fine_motor import FINE, STEP, bench, off
 
 from estimator import estimate_parameters
+from estimator.explaining import common_number
+from estimator.explaining.addition import Addition
+from estimator.explaining.effects.delay import Delay
+from estimator.plans.plan import Observed
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -66,3 +72,40 @@ def test_a_measured_voltage_that_jumps_is_in_the_row_behind_its_jump():
     assert not any("eddy" in rival.what for rival in result.rivals)
     found = result.parameters["L"]
     assert off(result).max() < 4.5 and found.standard_error < 0.01 * found.value, found
+
+
+def explained(own):
+    """Return an explanation of three recordings whose delays are these, each with its standard error, in ms."""
+    names, effect = [f"delay {chr(97 + k)}" for k in range(len(own))], Delay()
+    additions = tuple(Addition(effect, name, 1, 50.0, free=(name,)) for name in names)
+    values, errors = (1e-3 * np.array(column) for column in zip(*own, strict=True))
+    observed = [SimpleNamespace(recording=SimpleNamespace(name=chr(97 + k))) for k in range(len(own))]
+    fit = SimpleNamespace(
+        simulator=SimpleNamespace(plan=SimpleNamespace(observed=observed), index=dict.fromkeys([*names, "delay"], 0)),
+        free=tuple(names), names=tuple(names), estimates=values, cost=1000.0,
+        covariance_parts=lambda: (np.diag(errors**2), 0.0),
+    )  # fmt: skip
+    return SimpleNamespace(fit=fit, additions=additions)
+
+
+@pytest.mark.parametrize(("second", "tried"), [(0.21, True), (0.5, False)])
+def test_one_number_is_tried_where_those_of_all_recordings_are_alike(monkeypatch, second, tried):
+    found = []
+    monkeypatch.setattr(common_number, "_with_one", lambda e, own, one, mean, limit: found.append((one, mean, limit)))
+    own = [(0.20, 0.01), (second, 0.01), (0.19, 0.02)]
+    list(common_number.in_common(explained(own), 1000))
+    assert bool(found) == tried
+    for one, mean, limit in found:  # it saves two numbers of log 1000 each, and their priors
+        assert one.name == "delay" and one.free == ("delay",)
+        assert mean == pytest.approx(1e-3 * np.average([0.20, second, 0.19], weights=[1, 1, 0.25]))
+        assert limit == pytest.approx(1000 + 2 * (np.log(1000) + 2 * np.log(1 / Delay().prior)))
+
+
+def test_that_a_measured_voltage_shows_a_jump_late_costs_nothing():
+    for noise, penalty in ((0.0, np.log(1000) + 2 * np.log(1 / Delay().prior)), (0.02, 2 * np.log(2))):
+        v = np.repeat([0.0, 9.0], 50) + noise * np.random.default_rng(1).standard_normal(100)
+        recording = SimpleNamespace(name="a", step=STEP, time=STEP * np.arange(100))
+        observed = Observed(recording, {"v": v}, {}, SimpleNamespace(kind="step"), 0)
+        plan = SimpleNamespace(observed=[observed], declared=(), case=SimpleNamespace(linear=()))
+        (delay,) = Delay().nuisances(plan)
+        assert Addition(Delay(), "delay", 1, 0.0, foretold=delay.foretold).penalty(1000) == pytest.approx(penalty)
