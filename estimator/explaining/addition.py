@@ -122,8 +122,7 @@ class Addition:
     parts : of what is added to several recordings at once, what is added to each
     untold : bool
         No such recording tells it, whatever rounding, or a voltage of nearly nothing, seems to show.
-    foretold : bool
-        All such recordings have it.
+    foretold : values between which all such recordings have it
     """
 
     effect: Effect
@@ -140,7 +139,7 @@ class Addition:
     unit: str = ""
     again: bool = False
     untold: bool = False
-    foretold: bool = False
+    foretold: tuple[float, float] | None = None
     parts: tuple[Addition, ...] = ()
 
     def penalty(self, samples: int) -> float:
@@ -157,7 +156,7 @@ class Addition:
     @property
     def is_foretold(self) -> bool:
         """Whether it is no number that is free: all such recordings have it, or show its coefficient elsewhere."""
-        return self.foretold or (self.linear is not None and self.linear.foretold)
+        return self.foretold is not None or (self.linear is not None and self.linear.foretold)
 
     def shows_in(self, simulator: Simulator) -> NDArray[np.intp]:
         """Return the places of the outputs in which it shows; all, where it moves the motor."""
@@ -215,6 +214,11 @@ def without_columns(addition: Addition) -> Addition:
 def is_switch(addition: Addition) -> bool:
     """Whether an addition is a switch of the drive that the recordings show before any fit, such as an open circuit."""
     return bool(np.isinf(addition.gain)) and not addition.free
+
+
+def is_sure(fit: Fit, addition: Addition) -> bool:
+    """Whether all such recordings have what an addition is, of its size in a fit: nothing else can be in its place."""
+    return addition.foretold is not None and addition.foretold[0] <= fit.value(addition.name) <= addition.foretold[1]
 
 
 def is_timing(addition: Addition) -> bool:

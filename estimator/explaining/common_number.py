@@ -20,17 +20,19 @@ def in_common(explanation: Explanation, samples: int) -> Iterator[Explanation]:
 
     Where it was found that all have it, each by its own number, other effects were missing: these differed more then.
     """
-    s = explanation.fit.simulator
+    fit = explanation.fit
     for effect in dict.fromkeys(a.effect for a in explanation.additions if a.linear is None):
-        names = per_recording(s.plan, effect.name)
-        own = [a for a in explanation.additions if a.effect is effect and a.free == (a.name,) and a.name in names]
-        if 1 < len(own) == len(names) and effect.name in s.index and effect.name not in explanation.fit.free:
-            one = dataclasses.replace(
-                without_columns(own[0]), name=effect.name, free=(effect.name,), again=False, parts=()
-            )
-            least = explanation.fit.cost + sum(a.penalty(samples) for a in own) - one.penalty(samples)
+        alike = [a for a in explanation.additions if a.effect is effect and a.free == (a.name,)]
+        own = [a for a in alike if a.name.startswith(f"{effect.name} ")]
+        if len(own) < 2:
+            continue
+        names, s = per_recording(fit.simulator.plan, effect.name), fit.simulator
+        if {a.name for a in own} == set(names) and effect.name in s.index:
+            one = without_columns(own[0])
+            one = dataclasses.replace(one, name=effect.name, free=(effect.name,), again=False, parts=(), foretold=None)
+            least = fit.cost + sum(a.penalty(samples) for a in own) - one.penalty(samples)
             mean, behind = _mean(explanation, own)
-            if behind < FAR * (least - explanation.fit.cost):
+            if behind < FAR * (least - fit.cost):
                 yield _with_one(explanation, own, one, mean, limit=least)
 
 

@@ -84,7 +84,7 @@ class Explanation:
     def _evidence(self) -> tuple[float, int]:
         """The evidence, and for how many numbers of no known size log n is charged beside it."""
         fit, sizes = self.fit, self.sizes()
-        sure = {a.name for a in self.additions if a.foretold}
+        sure = {a.name for a in self.additions if a.foretold is not None}
         known = [k for k, name in enumerate(fit.names) if name in sizes.keys() - sure and fit.at_bound[k] == 0]
         charge = 0.0
         if known:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.explaining.addition import Addition, alike, is_physical, is_switch, is_timing
+from estimator.explaining.addition import Addition, alike, is_physical, is_sure, is_switch, is_timing
 from estimator.explaining.explanation import (
     Explanation,
     followed,
@@ -186,7 +186,8 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
         if selection.effort.is_spent():
             break
         many = sum(a.effect is addition.effect for a in explanation.additions)
-        if not addition.effect.is_line and not is_switch(addition) and many <= MOST_ALIKE:
+        is_open = not (addition.effect.is_line or is_switch(addition) or is_sure(explanation.fit, addition))
+        if is_open and many <= MOST_ALIKE:
             sharp_too = addition in within and len(within) <= MOST_WITHIN
             found += _exchanged(selection, explanation, addition, sharp_too=sharp_too)
     return [e for e in found if e.is_physical()]

@@ -73,8 +73,7 @@ class Nuisance:
         Its usual distance from neutral, where it is tried at less, for the sake of the derivative; 0: as it is tried.
     untold : bool
         No such recording tells it: it is never found, only told among what is not visible.
-    foretold : bool
-        All such recordings have it: that it is there costs nothing.
+    foretold : values between which all such recordings have it: that it is there costs nothing, and is no question
     """
 
     name: str
@@ -100,7 +99,7 @@ class Nuisance:
     needs: str = ""
     usual: float = 0.0
     untold: bool = False
-    foretold: bool = False
+    foretold: tuple[float, float] | None = None
 
     @property
     def channel(self) -> str:

@@ -34,20 +34,20 @@ class Delay(Effect):
         for e, (o, name) in enumerate(zip(plan.observed, per_recording(plan, self.name), strict=True)):
             if f"delay of {e}" in plan.declared or o.excitation.kind == "none" or not o.inputs:
                 continue
-            h = o.recording.step
+            h, is_behind = o.recording.step, o.is_measured and (o.jumps or not plan.case.linear)
             longest = LATEST * float(o.recording.time[-1] - o.recording.time[0])
             found.append(
                 Nuisance(
                     name, "s", -max(EARLIEST * h, o.early), max(longest, 20 * h), 0.0, h,
                     place=SensorPlace("delay", e), tries=(0.5 * h, 2 * h, -0.5 * h, -2 * h),
-                    foretold=o.is_measured and (bool(o.jumps) or not plan.case.linear),
+                    foretold=((-1 - EARLY) * h, EARLY * h) if is_behind else None,
                 )
             )  # fmt: skip
         if 1 < len(found) == len(plan.observed):
             least, most = max(n.lower for n in found), min(n.upper for n in found)
             found.append(
                 dataclasses.replace(
-                    found[0], name=self.name, lower=least, upper=most, place=SensorPlace("delay"), foretold=False
+                    found[0], name=self.name, lower=least, upper=most, place=SensorPlace("delay"), foretold=None
                 )
             )
         return found
