@@ -9,10 +9,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import LEAST_FALL
+from estimator.explaining.commutated_winding import of_resistance
 from estimator.explaining.effects.base import USUAL
 from estimator.explaining.effects.ripple import MOST_LINES
-from estimator.explaining.effects.shaft_order import ShaftOrder, angle_of, level_of, orders_in, standing_out
+from estimator.explaining.effects.shaft_order import (
+    OF_RESISTANCE,
+    OF_SIGNAL,
+    ShaftOrder,
+    angle_of,
+    level_of,
+    orders_in,
+    standing_out,
+)
 from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.motor_response import motor_values
 from estimator.fitting.shaft_angle import HIGHEST_ORDER, LINE_CYCLES
 from estimator.fitting.windows import find_windows
 from estimator.noise.clock import Clock
@@ -56,7 +67,10 @@ class Eccentricity(ShaftOrder):
 
 @dataclass(frozen=True)
 class Commutation(ShaftOrder):
-    """Cosine and sine of an order of the angle, in proportion to the current, which is large at edges only."""
+    """Cosine and sine of an order of the angle, in proportion to the current, which is large at edges only.
+
+    It is added to the current, or the winding's resistance changes so: then the winding smooths it as it does all else.
+    """
 
     name: str = "commutation"
     prior: float = USUAL / HIGHEST_ORDER
@@ -78,16 +92,40 @@ class Commutation(ShaftOrder):
         if len(taken) >= MOST_LINES or not np.any(power):
             return ()
         order = int(np.argmax(power)) + 1
-        return [Linear(f"ripple i {order}", self._in_time(fit, theta, level, order, j, z), self.units(fit, "i"))]
+        line, test = Linear(f"ripple i {order}", np.zeros((*fit.shown.shape, 0)), self.units(fit, "i")), fit.test()
+        forms = [self._in_form(fit, theta, line, form) for form in self._forms(fit)]
+        return [max(forms, key=lambda line: test.gain(test.across(line.columns)))]
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
         """Return the order's columns, the lateness of the angle found from the last fit."""
-        theta, j = angle_of(fit, "i"), fit.simulator.outputs.index("i")
+        theta = angle_of(fit, "i")
         if theta is None:
             return None
-        order = int(group.name.split(" ")[2])
-        columns = self._in_time(fit, theta, level_of(fit, j), order, j, standing_out(fit)[:, j])
-        return dataclasses.replace(group, columns=columns)
+        own = (group.columns @ coefficients)[:, fit.simulator.outputs.index("i")]
+        return self._in_form(fit, theta, group, group.form, own)
+
+    def reshaped(self, fit: Fit, group: Linear) -> Sequence[Linear]:
+        """Return the line in its other form, if that explains something beside its own."""
+        theta, test = angle_of(fit, "i"), fit.test()
+        assert theta is not None  # the line was found by it
+        others = [self._in_form(fit, theta, group, form) for form in self._forms(fit) if form != group.form]
+        return [other for other in others if test.gain(test.across(other.columns)) > LEAST_FALL]
+
+    def _forms(self, fit: Fit) -> tuple[int, ...]:
+        return (OF_SIGNAL, OF_RESISTANCE) if motor_values(fit) is not None else (OF_SIGNAL,)
+
+    def _in_form(self, fit: Fit, theta: FloatArray, line: Linear, form: int, own: FloatArray | float = 0.0) -> Linear:
+        """Return a line as large as the current, or as a resistance that changes with the angle makes it.
+
+        `own` is what the line adds to the current, (rows,), where the fit's explanation does not hold it.
+        """
+        j, order = fit.simulator.outputs.index("i"), int(line.name.split(" ")[2])
+        if form == OF_RESISTANCE:
+            columns = of_resistance(fit, theta, order, fit.explained[:, j] + own)
+            columns = columns / max(float(np.max(np.hypot(columns[:, j, ::2], columns[:, j, 1::2]))), 1e-300)
+        else:
+            columns = self._in_time(fit, theta, level_of(fit, j), order, j, standing_out(fit)[:, j])
+        return dataclasses.replace(line, columns=columns, form=form)
 
     def _in_time(self, fit: Fit, theta: FloatArray, level: FloatArray, order: int, j: int, z: FloatArray) -> FloatArray:
         """Return an order's columns, its angle shifted so that it explains most of z: a sensor may be slow."""
