@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.conventions import LEAST_FALL
 from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.motor_response import motor_values, response, speed_of
 from estimator.fitting.simulator import per_recording
-from estimator.noise.recursion import recursion
+from estimator.noise.clock import over_steps
 from estimator.plans.plan import Plan
 from estimator.recordings.samples import median
 
@@ -21,7 +20,6 @@ FloatArray = NDArray[np.float64]
 
 USUAL_DRIFT = 0.1  # of the friction
 SHARE = 1 / np.sqrt(12.0)  # deviation of what is anywhere between 0 and 1
-LOSSES = (0.0, 0.5, 1.0, 2.0, 4.0)  # duration of the longest recording over the time in which heat is lost
 USUAL_WARMING = 0.5  # of R in a second of the current at standstill: copper at 160 A/mm2, no heat lost
 
 
@@ -72,9 +70,9 @@ class FrictionDrift(Effect):
 
 @dataclass(frozen=True)
 class WindingWarms(Effect):
-    """A resistance that grows with the heat that the current has made and the winding not lost, Ohm from least to most.
+    """A resistance that grows with the heat that the current has made, Ohm from the first to the last row.
 
-    It begins cold, or as warm as R says: what it lost of an earlier heat is not known.
+    None falls: a winding cools within minutes, and while no current shows it.
     """
 
     name: str = "winding warms"
@@ -82,40 +80,32 @@ class WindingWarms(Effect):
     sentence: str = "R rises by {value:.3g} Ohm over a recording: the winding warms; R stands for the mean"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return one for all recordings of a motor whose current is measured, of the likeliest loss of heat."""
-        outputs, test = fit.simulator.outputs, fit.test()
-        if "i" not in outputs or motor_values(fit) is None or not fit.simulator.inputs("v").any():
-            return ()
-        i = fit.explained[:, outputs.index("i")]
-        forms = [self._of_current(fit, i, form) for form in range(len(LOSSES))]
-        return [max(forms, key=lambda line: test.gain(test.across(line.columns)))]
+        """Return one for all recordings of a motor whose current is measured."""
+        outputs = fit.simulator.outputs
+        return self._of_current(fit, fit.explained[:, outputs.index("i")]) if "i" in outputs else ()
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
         """Return it by the current that flows through the winding as it warms: so its response is exact."""
         j = fit.simulator.outputs.index("i")
-        return self._of_current(fit, fit.explained[:, j] + (group.columns @ coefficients)[:, j], group.form)
+        own = (group.columns @ coefficients)[:, j]
+        return next(iter(self._of_current(fit, fit.explained[:, j] + own)), None)
 
-    def reshaped(self, fit: Fit, group: Linear) -> Sequence[Linear]:
-        """Return it with those other losses of heat that explain something beside its own."""
-        i, test = fit.explained[:, fit.simulator.outputs.index("i")], fit.test()
-        others = (self._of_current(fit, i, form) for form in range(len(LOSSES)) if form != group.form)
-        return [other for other in others if test.gain(test.across(other.columns)) > LEAST_FALL]
-
-    def _of_current(self, fit: Fit, i: FloatArray, form: int) -> Linear:
+    def _of_current(self, fit: Fit, i: FloatArray) -> Sequence[Linear]:
         """Return it by a current, (rows,), in A."""
         s, values = fit.simulator, motor_values(fit)
-        assert values is not None
+        if values is None:
+            return ()
         voltage, still = np.zeros(s.rows), float(np.max(np.abs(s.inputs("v")))) / values["R"]
+        if still == 0:
+            return ()
+        flows = over_steps(i, s.clocks)
         longest = 0.0  # s of the current at standstill that make as much heat
-        duration = max(float(clock.time[-1] - clock.time[0]) for clock in s.clocks)
         for clock in s.clocks:
-            made = i[clock.rows] ** 2
-            heat = recursion([1.0], [-np.exp(-LOSSES[form] * clock.step / duration)], made)
-            longest = max(longest, float(np.sum(made)) * clock.step / still**2)
-            voltage[clock.rows] = -i[clock.rows] * (heat - np.mean(heat)) / max(float(np.ptp(heat)), 1e-300)
+            heat = np.cumsum(flows[clock.rows] ** 2)
+            longest = max(longest, float(heat[-1]) * clock.step / still**2)
+            voltage[clock.rows] = -flows[clock.rows] * (heat / max(heat[-1], 1e-300) - 0.5)
         columns = response(fit, voltage=voltage)[:, :, None]
-        size = USUAL_WARMING * longest * values["R"]
-        return Linear(self.name, columns, ("Ohm",), least=0.0, size=size, form=form, one_of=len(LOSSES))
+        return [Linear(self.name, columns, ("Ohm",), least=0.0, size=USUAL_WARMING * longest * values["R"])]
 
     def changes(self, fit: Fit, coefficient: float) -> Mapping[str, float]:
         """Return the change of the resistance."""
