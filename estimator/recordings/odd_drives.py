@@ -88,8 +88,10 @@ def waits(title: str, time: FloatArray, signals: Mapping[str, FloatArray]) -> Fi
             return None
         moved |= np.abs(y - zero) > max(NONE * largest, MOVES * noise_deviation(y))
     first = int(np.argmax(moved))
+    if first < LASTS or np.ptp(_known(signals["v"][:first])) > LEFT * np.max(np.abs(v)):
+        return None  # what changes while the motor stands is a command that reaches it late
     waited = float(time[first] - time[0])
-    if first < LASTS or waited < min(LONG * float(time[-1] - time[0]), RISES * _rise(time, signals.get("w"), first)):
+    if waited < min(LONG * float(time[-1] - time[0]), RISES * _rise(time, signals.get("w"), first)):
         return None
     return Finding(
         "unit v",
