@@ -126,6 +126,14 @@ def test_rows_that_begin_with_their_number_need_no_name_for_it(write, capsys, be
     assert told.startswith("log.csv: v ← voltage ") and "not used: column 1\n" in told and "2001 samples" in told
 
 
+def test_notes_beside_the_rows_are_no_header(write, capsys):
+    """A spreadsheet writes commas for all its columns, also behind the names."""
+    notes = {1: "J,0.1"}
+    rows = ((*row, notes.get(k, ",")) for k, row in enumerate(zip(T, V, I, W, strict=True)))
+    told = run(capsys, "check", write("time,voltage,current,speed,,", rows=rows))[1]
+    assert told.startswith("log.csv: v ← voltage ") and "not used: column 5, column 6\n" in told
+
+
 def test_decimal_commas_between_commas_are_no_row_numbers(write, capsys):
     path = write("time,voltage", rows=((f"0,{k:03}", f"{k % 7}") for k in range(40)))
     assert "with decimal commas, separate the columns by semicolons" in run(capsys, "check", path)[2]

@@ -48,9 +48,9 @@ def ways_to_split(line: str) -> list[tuple[str | None, Cells]]:
     ways: list[tuple[str | None, Cells]] = []
     for delimiter in ("\t", ";", ","):
         cells = split_cells(line, delimiter)
-        if len(cells) > 1 and not cells[-1]:
-            cells.pop()  # a delimiter at the end of the line
         ways.append((delimiter, cells))
+        if len(cells) > 1 and not cells[-1]:
+            ways.append((delimiter, cells[:-1]))  # a delimiter at the end of the line
     ways.append((None, re.split(r"\s{2,}", line.strip())))
     bracketed = [cell.strip() for cell in _BEHIND_BRACKETS.split(line.strip()) if cell.strip()]
     if all(map(_BRACKETED.fullmatch, bracketed)):
