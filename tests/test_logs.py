@@ -10,7 +10,7 @@ from estimator.cli import main
 from estimator.errors import RecordingError
 from estimator.fmus.fmu import describe
 from estimator.plans.planning import plan_case
-from estimator.recordings.files import recordings_in
+from estimator.recordings.files import motors_in, recordings_in
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.reading import read_recording, read_recordings
@@ -519,6 +519,35 @@ def test_a_batch_estimates_each_motor_of_a_file(tmp_path):
     assert [(row["case"], row["motor"]) for row in lines] == [("drive left", "left"), ("drive right", "right")]
     left, right = (row["parameters"]["R"]["value"] for row in lines)
     assert right == pytest.approx(2 * left, rel=0.05)
+
+
+@pytest.mark.parametrize("order", [1, -1], ids=["motor by motor", "in turn"])
+def test_rows_of_several_motors_are_parted_by_the_column_that_names_them(tmp_path, order):
+    rows = [(name, k) for name in ("M1", "M2") for k in range(40)]
+    rows.sort(key=lambda row: row[::order])
+    lines = [f"{k / 100},{name},{12 * (k > 5)},{k * (1 + (name == 'M2'))}" for name, k in rows]
+    path = tmp_path / "drive.csv"
+    path.write_text("\n".join(["time,motor,voltage,speed", *lines]))
+    assert motors_in(path) == ("M1", "M2")
+    refused(path, "drive.csv holds several motors; say which: --motor M1, --motor M2")
+    refused(path, "drive.csv has no motor 'M3'; did you mean", motor="M3")
+    found = one(path, motor="M2")
+    assert found.title == "drive.csv M2" and found.signals["speed"].tolist() == [2.0 * k for k in range(40)]
+
+
+@pytest.mark.parametrize(("words", "begins"), [(("off", "on"), 0.0), ((0, 100), 0.5)], ids=["state", "command"])
+def test_a_column_motor_that_tells_what_it_does_names_none(tmp_path, words, begins):
+    on = [k % 50 > 9 for k in range(100)]
+    rows = [(k / 100 - begins * (k > 49), words[on[k]], 12 * on[k], 2 * (k % 50)) for k in range(100)]
+    path = tmp_path / "drive.csv"
+    path.write_text("\n".join(["time,motor,voltage,speed", *(",".join(map(str, row)) for row in rows)]))
+    assert motors_in(path) == () and len(recordings_in(path)) == (1 if begins == 0 else 2)
+
+
+def test_a_column_of_words_is_asked_about_as_no_signal(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["time,curent,voltage,speed", *(f"{k / 100},on,12,{2 * k}" for k in range(40))]))
+    assert "i" not in motor_columns(one(path), required=("v",), either=("i", "w"))
 
 
 def test_rows_that_arrive_in_blocks_are_asked_how_often_they_were_taken(tmp_path):

@@ -8,6 +8,7 @@ from estimator.errors import InputError, SeveralMotorsError
 from estimator.recordings.headers import motors_named, parse_header
 from estimator.recordings.made_columns import with_made_columns
 from estimator.recordings.motor_columns import motor_columns
+from estimator.recordings.parts import names_motors
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.reading import read_recordings
 from estimator.recordings.recording import Recording
@@ -60,4 +61,5 @@ def _names_several(path: Path) -> bool:
         return False
     # A line without letters names nothing.
     rows = [line.split(mark) for line in lines if line.lower() != line.upper() for mark in ",;\t"]
-    return any(len(row) > 2 and motors_named([parse_header(cell.strip(' "#%')).name for cell in row]) for row in rows)
+    names = [[parse_header(cell.strip(' "#%')).name for cell in row] for row in rows if len(row) > 2]
+    return any(motors_named(row) or any(map(names_motors, row)) for row in names)

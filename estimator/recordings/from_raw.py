@@ -193,6 +193,7 @@ def recording_of(raw: RawTable, read_as: ReadAs) -> Recording:
         clock=_header_text(headers[clock], clock in given),
         given_units=tuple("time" if j == clock else names[j] for j in sorted(given)),
         roles={role: names[j] for role, j in places.items()},
+        motor=raw.motor,
     )
 
 

@@ -68,7 +68,7 @@ def motors(recording: Recording) -> tuple[str, ...]:
 
 def _one_motor(recording: Recording, motor: str | None) -> Recording:
     """Return the columns of one motor, and those that are no motor's."""
-    if motor is None:
+    if motor is None or recording.motor is not None:
         return recording
     known = motors(recording)
     if not known:

@@ -251,7 +251,8 @@ def _without_sign(recording: Recording, role: str) -> str | None:
 
 def _meant(recording: Recording, role: str, taken: Collection[str], *, by_unit: bool) -> list[str]:
     """Return the headers of columns that nearly have a role's name, or else are in its unit."""
-    left = {c: parse_header(h) for c, h in recording.headers.items() if c not in taken}
+    others = {*taken, *recording.unreadable}
+    left = {c: parse_header(h) for c, h in recording.headers.items() if c not in others}
     fitting = [h for h in left.values() if h.unit_text is None or _is_of(h, role)]
     near = [h.text for h in fitting if get_close_matches(plain(h.name), USUAL_NAMES[role], n=1, cutoff=0.75)]
     near = [text for text in near if not _words(parse_header(text).name) & ASKED] or near

@@ -19,6 +19,7 @@ _NAMES = (
     " repeat repetition maneuver manoeuvre"
 )
 NAMES = frozenset(_NAMES.split())
+MOTOR_NAMES = frozenset({"motor", "motor_id", "motor_name", "motor_no", "motor_number"})
 FEWEST_BLOCKS, MOST_ROWS, SHORT = 10, 64, 0.2  # blocks of rows that arrive together; rows of one; its time over a pause
 BACK = 5  # usual intervals: a time that falls by more begins anew
 MOST = 200  # tests
@@ -36,6 +37,11 @@ class Part:
 def names_tests(header: str) -> bool:
     """Return whether a column of that name says which test a row belongs to."""
     return plain(header) in NAMES
+
+
+def names_motors(header: str) -> bool:
+    """Return whether a column of that name says which motor a row belongs to."""
+    return plain(header) in MOTOR_NAMES
 
 
 def arrival_rate(time: FloatArray) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -42,6 +43,7 @@ class RawTable:
     half_digit: Callable[[int, float], FloatArray] | None = None
     text: Callable[[int], Iterator[str]] | None = None  # column → its cells as written
     not_read: tuple[str, ...] = ()  # what of the file is no row of it, in sentences
+    motor: str | None = None  # whose rows these are, of a file whose rows are of several
 
     @property
     def file(self) -> str:
@@ -50,22 +52,26 @@ class RawTable:
 
     def rows(self, first: int, last: int) -> RawTable:
         """Return the rows from one to before another."""
-        half, place = self.half_digit, self.place
+        half, place, text = self.half_digit, self.place, self.text
         return replace(
             self,
             columns=[column[first:last] for column in self.columns],
             place=lambda k: place(k + first),
+            text=None if text is None else lambda j: itertools.islice(text(j), first, last),
             half_digit=None if half is None else lambda j, factor: half(j, factor)[first:last],
         )
 
     def without(self, left_out: NDArray[np.int64]) -> RawTable:
         """Return the rows but those of these indices."""
-        kept = np.delete(np.arange(len(self.columns[0])), left_out)
-        half, place = self.half_digit, self.place
+        is_kept = np.ones(len(self.columns[0]), dtype=bool)
+        is_kept[left_out] = False
+        kept = np.flatnonzero(is_kept)
+        half, place, text = self.half_digit, self.place, self.text
         return replace(
             self,
             columns=[column[kept] for column in self.columns],
             place=lambda k: place(int(kept[k])),
+            text=None if text is None else lambda j: itertools.compress(text(j), is_kept),
             half_digit=None if half is None else lambda j, factor: half(j, factor)[kept],
         )
 

@@ -15,7 +15,7 @@ from estimator.recordings.from_raw import recording_of, timed
 from estimator.recordings.raw_table import RawTable, raw_columns, raw_table
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.recording import Recording
-from estimator.recordings.tests_in_file import labels_of, tests_of
+from estimator.recordings.tests_in_file import labels_of, of_motor, tests_of
 from estimator.recordings.units import FloatArray
 
 
@@ -40,7 +40,7 @@ def read_recording(path: Path, read_as: ReadAs = AS_WRITTEN) -> Recording:
     >>> sorted(run.signals), run.step
     (['current', 'speed', 'voltage'], 0.001)
     """
-    return recording_of(timed(raw_table(Path(path), read_as), read_as), read_as)
+    return recording_of(timed(of_motor(raw_table(Path(path), read_as), read_as), read_as), read_as)
 
 
 def read_recordings(path: Path, read_as: ReadAs = AS_WRITTEN) -> list[Recording]:
@@ -56,7 +56,7 @@ def read_recordings(path: Path, read_as: ReadAs = AS_WRITTEN) -> list[Recording]
     RecordingError
         As `read_recording`.
     """
-    raw = timed(raw_table(Path(path), read_as), read_as)
+    raw = timed(of_motor(raw_table(Path(path), read_as), read_as), read_as)
     if read_as.test is not None:
         return [recording_of(raw, read_as)]
     labels = labels_of(raw)

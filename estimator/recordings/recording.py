@@ -40,6 +40,7 @@ class Recording(Locked):
     clock: str = "time [s]"  # header of the time, as written
     given_units: tuple[str, ...] = ()  # columns whose unit the user said, not their header; "time" too
     roles: Mapping[str, str] = field(default_factory=dict)  # role → column, as the user said
+    motor: str | None = None  # whose rows these are, of a file whose rows are of several
     origin: float = 0.0  # s, what the file's clock shows where `time` is 0; not 0 where it counts from a date
 
     def __post_init__(self) -> None:

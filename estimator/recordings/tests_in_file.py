@@ -1,14 +1,15 @@
-"""Which rows of a file are which of the tests that it holds. Knows the file as written, makes no recording."""
+"""Which rows of a file are of which test, and of which motor. Knows the file as written, makes no recording."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from estimator.errors import RecordingError
-from estimator.recordings.headers import parse_header
-from estimator.recordings.parts import Part, arrival_rate, names_tests, parts
+from estimator.errors import RecordingError, SeveralMotorsError, suggestion
+from estimator.recordings.headers import parse_header, plain
+from estimator.recordings.parts import Part, arrival_rate, names_motors, names_tests, parts
 from estimator.recordings.raw_table import RawTable
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import MIN_SAMPLES
@@ -17,9 +18,48 @@ from estimator.recordings.time_column import time_column
 
 def labels_of(raw: RawTable) -> dict[str, list[str]]:
     """Return the columns that name tests, as texts."""
+    return _labels(raw, names_tests)
+
+
+def of_motor(raw: RawTable, read_as: ReadAs) -> RawTable:
+    """Return the rows of the motor that is asked for, of a file whose rows say which motor's they are.
+
+    Where the times of all rows rise, a column so called tells what drives the motor, or whether it is on.
+
+    Raises
+    ------
+    RecordingError
+        No motor is asked for, or one that the file has not.
+    """
+    labels = _labels(raw, names_motors)
+    for header, texts in labels.items() if labels and not _rises(raw, read_as) else ():
+        if plain(header) == "motor" and raw.texts.index(header) not in raw.bad:
+            continue  # numbers: what drives it
+        motors = tuple(sorted(set(texts)))
+        if read_as.motor is None:
+            choices = ", ".join(f"--motor {motor}" for motor in motors)
+            raise SeveralMotorsError(f"{raw.file} holds several motors; say which: {choices}", motors)
+        if read_as.motor not in motors:
+            raise RecordingError(f"{raw.file} has no motor {read_as.motor!r}{suggestion(read_as.motor, motors)}")
+        others = np.flatnonzero([text != read_as.motor for text in texts])
+        return replace(raw.without(others), name=f"{raw.name} {read_as.motor}", motor=read_as.motor)
+    return raw
+
+
+def _rises(raw: RawTable, read_as: ReadAs) -> bool:
+    """Return whether the times of all rows are one clock's."""
+    if read_as.rate is not None:
+        return True
+    headers, _ = read_as.headers(raw.texts, where=raw.where)
+    clock, _ = time_column(headers, raw.where, read_as)
+    return not bool(np.any(np.diff(raw.columns[clock]) <= 0))
+
+
+def _labels(raw: RawTable, are_named: Callable[[str], bool]) -> dict[str, list[str]]:
+    """Return the columns of such a name as texts, where each text stands in rows enough."""
     found = {}
     for j, text in enumerate(raw.texts):
-        if not names_tests(parse_header(text).name):
+        if not are_named(parse_header(text).name):
             continue
         if j in raw.bad and raw.text is not None:
             found[text] = list(raw.text(j))
