@@ -178,7 +178,7 @@ def test_times_that_rows_share_are_taken_as_even_where_they_may_be_and_a_rate_is
     assert "they tell 0.01 s, and rows share them; taken as even, at 1000 Hz" in out
     lost = np.delete(np.arange(len(T)), np.s_[700:709])
     path = write(header, rows=((t // 0.01 * 0.01, v, i, w) for t, v, i, w in np.c_[T, V, I, W][lost]))
-    assert "or say with --rate HZ how often the rows were taken" in run(capsys, "check", path)[2]
+    assert "say with --rate HZ how often the rows were taken: some " in run(capsys, "check", path)[2]
     for times in (T[::-1], np.sort(np.append(T[1:], T[9]))):  # reversed; one row twice: a rate would be wrong
         other = write(header, rows=zip(times, V, I, W, strict=True), name="b.csv")
         assert run(capsys, "check", other)[2].endswith("printed with enough digits\n")

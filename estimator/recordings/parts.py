@@ -20,7 +20,8 @@ _NAMES = (
 )
 NAMES = frozenset(_NAMES.split())
 MOTOR_NAMES = frozenset({"motor", "motor_id", "motor_name", "motor_no", "motor_number"})
-FEWEST_BLOCKS, MOST_ROWS, SHORT = 10, 64, 0.2  # blocks of rows that arrive together; rows of one; its time over a pause
+FEWEST_BLOCKS, LEAST_ROWS, MOST_ROWS = 10, 3, 64  # blocks of rows that arrive together; rows of one: two are one, again
+SHORT = 0.2  # a block's time over a pause
 BACK = 5  # usual intervals: a time that falls by more begins anew
 MOST = 200  # tests
 
@@ -47,13 +48,15 @@ def names_motors(header: str) -> bool:
 def arrival_rate(time: FloatArray) -> float | None:
     """Return how often rows were taken, Hz, where blocks of them arrive together, as over USB; None where none do.
 
-    The times, (n,) s, are then those of arrival: within a block they say nothing, between blocks that many rows passed.
+    The times, (n,) s, are then those of arrival: within a block they are one or say nothing, between blocks that many
+    rows passed.
     """
     steps = np.diff(time)
-    if len(steps) < FEWEST_BLOCKS or np.any(steps <= 0):  # times that stand still are printed too coarsely
+    if len(steps) < FEWEST_BLOCKS or np.any(steps < 0):
         return None
     begins = np.flatnonzero(steps > PAUSE * float(np.median(steps))) + 1
-    if len(begins) < FEWEST_BLOCKS or np.max(np.diff(begins)) > MOST_ROWS:
+    rows = np.diff(begins)
+    if len(begins) < FEWEST_BLOCKS or np.max(rows) > MOST_ROWS or np.median(rows) < LEAST_ROWS:
         return None
     together = time[begins[1:] - 1] - time[begins[:-1]]
     if np.median(together) > SHORT * np.median(steps[begins - 1]):

@@ -78,8 +78,8 @@ def tests_of(raw: RawTable, read_as: ReadAs, labels: Mapping[str, Sequence[str]]
     si = unit.to_si(time)
     if not labels and (rate := arrival_rate(si)) is not None:
         raise RecordingError(
-            f"{raw.file}: rows arrive in blocks, as over USB, and the times are those of arrival; say with --rate HZ"
-            f" how often the rows were taken: some {rate:.4g} Hz, if none was lost"
+            f"{raw.file}: rows arrive in blocks, as over USB, and the times are those of arrival, or too coarse;"
+            f" say with --rate HZ how often the rows were taken: some {rate:.4g} Hz, if none was lost"
         )
     return parts(si, labels, least=MIN_SAMPLES)
 

@@ -217,10 +217,14 @@ def uniform_grid(
     if (steps <= 0).any():
         k = int(np.argmax(steps <= 0)) + 1
         is_coarse = steps.min() == 0 and np.count_nonzero(steps == 0) >= OFTEN  # no rows that are there twice
+        if is_coarse and times[-1] > times[0]:
+            rate = f"some {(n - 1) / (times[-1] - times[0]):.4g} Hz, if none was lost"
+            remedy = f"; or say with --rate HZ how often the rows were taken: {rate}"
+        else:
+            remedy = ""
         raise RecordingError(
             f"{place(k)}: time does not increase ({_shown(times, k)} s after {_shown(times, k - 1)} s);"
-            " each row needs a later time than the one before, printed with enough digits"
-            + ("; or say with --rate HZ how often the rows were taken" if is_coarse else "")
+            f" each row needs a later time than the one before, printed with enough digits{remedy}"
         )
     centred = np.arange(n, dtype=np.float64) - (n - 1) / 2
     since = times - times[0]
