@@ -521,6 +521,45 @@ def test_a_batch_estimates_each_motor_of_a_file(tmp_path):
     assert right == pytest.approx(2 * left, rel=0.05)
 
 
+NAMED = {"voltage": V.tolist(), "current": I.tolist(), "speed": W.tolist()}
+ROWS = np.column_stack([T, V, I, W]).tolist()
+NUMBERED = {"time": "1", "v": "2", "i": "3", "w": "4"}
+TABLES = {  # as pandas writes one, and others
+    "split": ({"columns": ["time", *NAMED], "index": list(range(N)), "data": ROWS}, {}),
+    "split, times as the index": (
+        {"columns": list(NAMED), "index": T.tolist(), "data": [row[1:] for row in ROWS]},
+        {"time": "index"},
+    ),
+    "split, dates as the index": (
+        {
+            "columns": list(NAMED),
+            "index": [f"2026-11-30T12:00:00.{k:02}0" for k in range(N)],
+            "data": [row[1:] for row in ROWS],
+        },
+        {"time": "index"},
+    ),
+    "columns, times as the index": (
+        {name: dict(zip(map(str, T), x, strict=True)) for name, x in NAMED.items()},
+        {"time": "index"},
+    ),
+    "index": ({str(k): dict(zip(["time", *NAMED], row, strict=True)) for k, row in enumerate(ROWS)}, {}),
+    "values": (ROWS, NUMBERED),
+    "rows below their names": ([["time", *NAMED], *ROWS], {}),
+    "below names, one level down": ({"series": {"columns": ["time", *NAMED], "values": ROWS}}, {}),
+}
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_a_table_of_json_is_read_however_its_names_and_rows_stand(tmp_path, table):
+    content, columns = TABLES[table]
+    path = tmp_path / "log.json"
+    path.write_text(json.dumps(content))
+    found = one(path, columns=columns)
+    roles = motor_columns(found)
+    assert found.time == pytest.approx(T)
+    assert [found.signals[roles[role]].tolist() for role in "viw"] == list(NAMED.values())
+
+
 @pytest.mark.parametrize("order", [1, -1], ids=["motor by motor", "in turn"])
 def test_rows_of_several_motors_are_parted_by_the_column_that_names_them(tmp_path, order):
     rows = [(name, k) for name in ("M1", "M2") for k in range(40)]

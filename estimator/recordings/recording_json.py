@@ -1,13 +1,14 @@
 """JSON → columns: a list of rows, a row in each line, or a list for each name. Knows no unit and no motor.
 
 [{"time": 0.001, "voltage": 5}, …]    {"time": [0.001, …], "voltage": [5, …]}    {"feeds": [{…}, …]}
+[["time", "voltage"], [0.001, 5], …]    {"columns": ["time", "voltage"], "data": [[0.001, 5], …]}
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from estimator.errors import RecordingError
 from estimator.recordings.columns import Columns
 from estimator.recordings.named_columns import named_columns
 from estimator.recordings.recording import MIN_SAMPLES
-from estimator.recordings.text_cells import shortened
+from estimator.recordings.text_cells import is_number, number_in, shortened
 
 TESTS = (
     "slow-forward",
@@ -24,11 +25,11 @@ TESTS = (
     "fast-forward",
     "fast-backward",
 )  # of WPILib's SysId, which sysid_json.py reads
-BEGINNING = re.compile(rb"(\xef\xbb\xbf)?\s*(\[\s*)?\{")
+BEGINNING = re.compile(rb"(\xef\xbb\xbf)?\s*(\[\s*)?(\{|\[\s*[-\"\d])")
 
 
 def is_json(path: Path, head: bytes) -> bool:
-    """Return whether a file begins as a JSON object, or a list of such, by its first bytes."""
+    """Return whether a file begins as a JSON object, or a list of such or of lists, by its first bytes."""
     return BEGINNING.match(head) is not None
 
 
@@ -74,19 +75,29 @@ def read_json(path: Path, head: bytes) -> Columns:
     if not found:
         raise RecordingError(
             f"{path.name} is JSON without the tests of WPILib's SysId ({', '.join(TESTS)}), and without a table: a list"
-            " of objects, or an object of lists; export the recording as CSV"
+            " of objects or of rows, or an object of lists; export the recording as CSV"
         )
     return replace(named_columns(path.name, found, {}), not_read=not_read)
 
 
 def _table(content: Any) -> dict[str, list[Any]]:
     """Return the columns that are rows, or lists, of equal length; none where content is another thing."""
+    if isinstance(content, Mapping) and content and all(map(is_number, content)):  # rows under their index
+        return _with_index(_table(list(content.values())), content)
     if isinstance(content, list) and content and all(isinstance(row, Mapping) for row in content):
         rows = [_flat(row) for row in content]
         names = dict.fromkeys(name for row in rows for name in row)
         return {name: [row.get(name) for row in rows] for name in names}
+    if isinstance(content, list):
+        is_named = bool(content) and isinstance(content[0], list) and all(isinstance(x, str) for x in content[0])
+        return _of_rows(content[1:], content[0]) if is_named else _of_rows(content, None)
     if not isinstance(content, Mapping):
         return {}
+    if isinstance(content.get("columns"), list):  # apart from the rows
+        tables = [_of_rows(rows, content["columns"]) for rows in content.values() if rows is not content["columns"]]
+        if table := next(filter(None, tables), {}):
+            index = content.get("index")
+            return _with_index(table, index if isinstance(index, list) else ())
     lists = {
         name: list(value.values()) if isinstance(value, Mapping) else value  # as pandas writes a column
         for name, value in content.items()
@@ -94,7 +105,26 @@ def _table(content: Any) -> dict[str, list[Any]]:
     }
     lists = {name: value for name, value in lists.items() if not any(isinstance(x, list | Mapping) for x in value)}
     length = max((len(value) for value in lists.values()), default=0)
-    return {name: value for name, value in lists.items() if len(value) == length >= MIN_SAMPLES}
+    table = {name: value for name, value in lists.items() if len(value) == length >= MIN_SAMPLES}
+    return _with_index(table, next((value for value in content.values() if isinstance(value, Mapping)), ()))
+
+
+def _of_rows(rows: Any, names: list[Any] | None) -> dict[str, list[Any]]:
+    """Return the columns of rows that are lists as long as the names, without names called by their numbers."""
+    if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows) or len(rows) < MIN_SAMPLES:
+        return {}
+    names = [f"column {j + 1}" for j in range(len(rows[0]))] if names is None else [str(name) for name in names]
+    fits = len(set(names)) == len(names) and all(len(row) == len(names) for row in rows)
+    return {name: [row[j] for row in rows] for j, name in enumerate(names)} if fits else {}
+
+
+def _with_index(table: dict[str, list[Any]], index: Collection[Any]) -> dict[str, list[Any]]:
+    """Return columns with the index of their rows, where it is as long and does more than count them."""
+    numbers = [number_in(str(label), ".") for label in index]
+    length = len(next(iter(table.values()), ()))
+    if length != len(numbers) or numbers == list(range(length)):
+        return table
+    return {"index": list(index) if None in numbers else numbers, **table}
 
 
 def _flat(row: Mapping[str, Any], before: str = "") -> dict[str, Any]:
