@@ -482,6 +482,27 @@ class TestOneValueARow:
         many = ":".join(["7" * 40] * 40)  # each of its ways to be split was tried
         assert "there is no time column" in sentence(self.write(tmp_path, *[f"Time:12:34:{many} x|y z"] * 20))
 
+    @pytest.mark.parametrize("series", ["motor,bench=2", "motor"])
+    def test_influx_line_protocol(self, series: str, tmp_path: Path) -> None:
+        lines = (
+            f'{series} voltage={v},speed={w},count={k}i,state="run, 1" {1_700_000_000_000_000_000 + 5_000_000 * k}'
+            for k, (_, v, w) in enumerate(ROWS)
+        )
+        found = read_recording(self.write(tmp_path, *lines))
+        np.testing.assert_allclose(found.time, TIME, atol=1e-9)
+        np.testing.assert_array_equal(found.signals["voltage"], V)
+        np.testing.assert_array_equal(found.signals["speed"], W)
+        np.testing.assert_array_equal(found.signals["count"], np.arange(N))
+
+    def test_series_of_influx_are_told_apart_by_their_names(self, tmp_path: Path) -> None:
+        rows = [(k, row, bench) for k, row in enumerate(ROWS) for bench in "ab"]
+        lines = (f"motor,bench={b} voltage={v},speed={w}{'0' * (b == 'b')} {5_000_000 * k}" for k, (_, v, w), b in rows)
+        found = read_recording(self.write(tmp_path, *lines), ReadAs(units={"time": "ns"}))
+        assert [name for name in found.signals if name.endswith("speed")] == [
+            "motor,bench=a speed",
+            "motor,bench=b speed",
+        ]
+
     @pytest.mark.parametrize("mark", ["\t", ";"])
     def test_twincat_scope_has_a_time_for_each_signal(self, mark: str, tmp_path: Path) -> None:
         settings = [("Name", "Scope"), ("Starttime of export", "133123456789012345"), ("",)]

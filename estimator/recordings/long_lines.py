@@ -1,7 +1,8 @@
 """Rows that hold one value beside the name of what it is → a row for each time, a column for each name. Knows no motor.
 
 ``time,topic,value`` as Foxglove exports it, ``_time,_value,_field`` as InfluxDB does, in a table for each signal; a
-TwinCAT Scope gives each signal a time of its own, and Teleplot a line: ``>speed:1627551892437:61.4§rpm|g``.
+TwinCAT Scope gives each signal a time of its own, Teleplot a line, ``>speed:1627551892437:61.4§rpm|g``, and InfluxDB's
+line protocol the values of a time, ``motor,bench=2 voltage=12,speed=61.4 1627551892437000000``.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ MOST = 0.5  # of the lines that say anything: in more of them a Teleplot's value
 EVERY = "sampletime[ms]"  # a TwinCAT Scope says it of each signal
 _SAMPLE = r"-?\d+(?:\.\d*)?:[^:;|§]+"
 _TELEPLOT = re.compile(rf">?([^\W\d][^:|§]*):({_SAMPLE}(?:;{_SAMPLE})*);?(?:§([^|]*))?(?:\|\w*)?")
+_FIELD = r"[^\s,=\"]+=(?:[^\s,=\"]+|\"[^\"]*\")"
+_INFLUX = re.compile(rf"([^\s,=]+(?:,[^\s,=]+=[^\s,=]+)*) ({_FIELD}(?:,{_FIELD})*) (\d+)")
 
 
 class Value(NamedTuple):
@@ -94,6 +97,24 @@ def with_teleplot_read(lines: list[str]) -> list[str]:
             time, value = sample.split(":")
             found.append(Value(k, f"{name} [{unit}]" if unit else name, time, value))
     return _of_all(lines, "time [ms]", found[0].line, found)
+
+
+def with_influx_read(lines: list[str]) -> list[str]:
+    """Return rows of InfluxDB's line protocol as rows of all values of a time; other lines unchanged.
+
+    What several series have is named behind its series.
+    """
+    matches = [(k, match) for k, line in enumerate(lines) if (match := _INFLUX.fullmatch(line.strip()))]
+    if not matches or len(matches) <= MOST * sum(bool(line.strip()) for line in lines):
+        return lines
+    several = len({match[1] for _, match in matches}) > 1
+    found = []
+    for k, match in matches:
+        for field in re.findall(_FIELD, match[2]):
+            name, value = field.split("=", 1)
+            whole = value[:-1] if value[-1] in "iu" else value  # 61i: a whole number
+            found.append(Value(k, f"{match[1]} {name}" if several else name, match[3], whole))
+    return _of_all(lines, "time", found[0].line, found)
 
 
 def _number(text: str) -> float | None:

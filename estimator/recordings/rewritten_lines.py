@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from estimator.recordings.barred_lines import with_bars_read
-from estimator.recordings.long_lines import with_names_read, with_teleplot_read, with_twincat_read
+from estimator.recordings.long_lines import with_influx_read, with_names_read, with_teleplot_read, with_twincat_read
 from estimator.recordings.scope_lines import with_settings_read, with_start_and_step, with_times
 
 WAYS = (
@@ -14,6 +14,7 @@ WAYS = (
     with_start_and_step,
     with_twincat_read,
     with_teleplot_read,
+    with_influx_read,
     with_names_read,
     with_bars_read,
 )
