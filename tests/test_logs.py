@@ -589,6 +589,20 @@ def test_a_column_of_words_is_asked_about_as_no_signal(tmp_path):
     assert "i" not in motor_columns(one(path), required=("v",), either=("i", "w"))
 
 
+def test_a_speed_in_ms_may_be_metres_a_second(write):
+    path = write("time_s,voltage,speed_ms", T, V, W / 1000)
+    refused(path, "'ms' is no unit of angular speed; use one of rad/s, rpm, deg/s, rev/s, or say with --unit w=m/s")
+    found = one(path, units={"w": "m/s"}, per_turn=0.2 * np.pi)
+    assert found.signals["speed"] == pytest.approx(W / 100)
+
+
+def test_a_command_in_words_is_no_voltage(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["time,pwm,command,speed", *(f"{k / 100},{k % 40},forward,{2 * k}" for k in range(80))]))
+    refused(path, "'pwm' is a duty cycle: say of which supply")
+    assert motor_columns(one(path, supply="12/255"), required=("v", "w"))["v"] == "pwm × 12/255 V"
+
+
 @pytest.mark.parametrize("apart", [2e-6, 0.0], ids=["one by one", "with one stamp"])
 def test_rows_that_arrive_in_blocks_are_asked_how_often_they_were_taken(tmp_path, apart):
     """Within a block times are those of arrival; each was taken for a test of its own."""

@@ -95,6 +95,7 @@ def _of_role(recording: Recording, role: str, *, wanted: bool) -> str | None:
         if (rank := rank_in_role(parse_header(recording.headers[column]).name, role)) is not None
         and column not in recording.roles.values()
         and not _counts_rows(recording, column)
+        and not (column in recording.unreadable and is_secondary(column))  # a command in words: "stop"
         and not (role == "v" and stays(recording, column))
     )
     faults = {column: recording.fault(column, quantity) for _, column in ranked}

@@ -161,6 +161,8 @@ def _otherwise(given: Unit | None, quantity: str) -> str:
         return f", or say with --scale how many {unit_of(quantity).si} a volt is"
     if given is not None and (given.quantity, quantity) == ("electrical speed", "angular speed"):
         return ", or say with --unit w=rpm --scale w=0.25 that there are 4 pole pairs"
+    if given is not None and (given.quantity, quantity) == ("time", "angular speed"):  # speed_ms
+        return ", or say with --unit w=m/s --per-turn 0.16 that it is m/s, of a wheel of 0.16 m a turn"
     if given is None:
         return ", or say with --unit which it is"
     if (given.quantity, quantity) not in (("speed", "angular speed"), ("length", "angle")):
