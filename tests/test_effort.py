@@ -6,6 +6,7 @@ from fine_motor import FINE, MOTOR, bench
 
 from estimator import estimate_parameters
 from estimator.fitting import effort
+from estimator.fmus.probe import bundled_model
 
 LEVELS = np.repeat([0.0, 6.0, 2.0, 9.0, 4.0], 150)
 
@@ -21,3 +22,9 @@ def test_a_search_without_end_is_ended_and_told(monkeypatch, samples):
     ended = any("was ended before all was tried" in reason for reason in result.reasons)
     assert ended == (samples == 1), result.reasons
     assert result.verdict == ("doubtful" if ended else "ok") and result.parameters.keys() >= MOTOR.keys()
+
+
+def test_steps_with_events_cost_several_plain_ones():
+    """Dry friction that catches within a step: by plain steps half a minute was more than seven minutes."""
+    models = ("dc_motor", "dc_motor_geared", "dc_motor_friction", "dc_motor_drive")
+    assert [bundled_model(name).has_events for name in models] == [False, False, True, True]

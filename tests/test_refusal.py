@@ -59,6 +59,14 @@ def test_no_excitation(case_of, good):
     refused(case_of, made(0 * good[0], 0 * good[1]), "nothing is excited")
 
 
+def test_recordings_that_are_not_refused_by_themselves_are_named(case_of, good):
+    """One of a speed whose sign is wrong refused them all, and nobody said that the others may be estimated."""
+    wrong = dataclasses.replace(made(good[0], good[1] * [1, -1]), name="turned")
+    (result,) = estimate_recordings([case_of()], [[made(*good), wrong]], workers=1)
+    assert result.verdict == "refused" and "turned" in result.reasons[0]
+    assert any(note.startswith("not refused by itself: made") for note in result.notes), result.notes
+
+
 @pytest.mark.parametrize(("level", "moves"), [(0.0, True), (0.0, False), (2.0, False)])
 def test_no_excitation_of_what_is_driven_by_no_voltage_names_its_input(case_of, good, level, moves):
     recording = made(0 * good[0], moves * good[1])

@@ -1,4 +1,4 @@
-"""A winding whose resistance changes with the shaft's angle, or as it warms: told by the current that flows then."""
+"""A winding whose resistance or back EMF changes with the shaft's angle, or that warms: told by what flows then."""
 
 import math
 
@@ -14,20 +14,23 @@ STEP, PARTS = 1e-3, 8  # s; of a row that is integrated at once
 COPPER = 0.00393  # of R, a kelvin
 
 
-def bench(volts, seed, *, segments=0.0, heat=0.0):
+def bench(volts, seed, *, segments=0.0, coils=0.0, heat=0.0):
     """Return the recording of voltages, (rows,), held over each row, by Runge and Kutta's method.
 
     Parameters
     ----------
     segments : float
         Share of R by which it changes ten times a turn.
+    coils : float
+        Share of K by which it changes ten times a turn.
     heat : float
         K/J of the winding, which loses none.
     """
-    r, k, inductance, j, b = MOTOR.values()
+    r, constant, inductance, j, b = MOTOR.values()
 
     def slopes(v, i, w, angle, warm):
         now = r * (1 + segments * math.cos(10 * angle)) * (1 + COPPER * warm)
+        k = constant * (1 + coils * math.cos(10 * angle))
         return (v - now * i - k * w) / inductance, (k * i - b * w) / j, w, heat * now * i * i
 
     def moved(x, d, h):
@@ -60,6 +63,16 @@ def test_segments_that_change_the_resistance_are_told_at_edges(seed):
     assert result.verdict == "ok" and any("order 10" in note for note in result.notes), result.reasons
     assert max(off(result).values()) < 4.5, off(result)
     assert result.parameters["R"].standard_error < 2e-3 * MOTOR["R"]
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.full), pytest.param(3, marks=pytest.mark.full)])
+def test_coils_that_change_the_back_emf_are_told_both_ways(seed):
+    """The current is late behind it, and before it as the shaft turns back: one wave of the angle is not both."""
+    volts = np.concatenate([np.zeros(60), np.tile(np.repeat([4.0, -4.0], 400), 3)])
+    result = estimate_parameters(bench(volts, seed, coils=0.02), workers=1)
+    assert result.verdict == "ok" and any("order 10" in note for note in result.notes), result.reasons
+    assert max(off(result).values()) < 4.5, off(result)
+    assert result.parameters["R"].standard_error < 2e-2 * MOTOR["R"]  # segments may change it, too
 
 
 def test_a_winding_that_warms_is_told_by_the_current_that_flows_as_it_does():

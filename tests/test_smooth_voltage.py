@@ -151,6 +151,8 @@ def test_jumps_are_where_a_voltage_changes_by_far_more_than_beside_and_everywher
     falls = np.where(rows >= 50, 10 * np.exp(-(rows - 50) / 30), 0.0) + 0.01 * rng.standard_normal(300)
     assert np.flatnonzero(jumps(falls)).tolist() == [50]
     assert not jumps(np.sin(rows / 20)).any()
+    swings = np.where(rows >= 50, 10 + 8 * np.sin(rows / 8), 0.0) + 0.01 * rng.standard_normal(300)
+    assert moves_smoothly(swings) and np.flatnonzero(jumps(swings)).tolist() == [50]
     levels = np.where(rows >= 50, 10.0, 0.0)
     assert np.flatnonzero(jumps(levels)).tolist() == [50]
     noisy = levels + 0.02 * rng.standard_normal(300)

@@ -24,7 +24,7 @@ def begin(session: Session) -> Estimate | None:
     if session.method in WITHOUT_POLISH:
         reasons += lost_transients(plan)
     if reasons:
-        return refused(session, reasons, notes=refused_notes(plan))
+        return refused(session, reasons, notes=refused_notes(plan, reasons))
     session.noise = output_deviations(plan)
     session.problem = Problem(plan, session.crew, sigma=_sigma(session))
     session.account.opened(usual_simulations(plan))

@@ -1,6 +1,7 @@
-"""What a winding whose resistance changes with the shaft's angle shows. Knows a motor, no noise.
+"""What a winding shows whose resistance, or back EMF, changes with the shaft's angle. Knows a motor, no noise.
 
-A brush that touches two segments of the commutator shorts a coil: so many times a turn R falls by its share.
+A brush that touches two segments of the commutator shorts a coil: so many times a turn R falls by its share. And few
+coils do not add up to a constant K.
 """
 
 from __future__ import annotations
@@ -31,11 +32,33 @@ def of_resistance(fit: Fit, theta: FloatArray, order: int, current: FloatArray) 
 
     With the current that flows, its ripple included, (rows,) in A, the response is exact.
     """
-    values, clocks = motor_values(fit), fit.simulator.clocks
+    values = motor_values(fit)
     assert values is not None
-    drop, angle = (over_steps(signal, clocks) for signal in (values["R"] * current, order * theta))
-    voltage = np.zeros((len(theta), 2 * len(clocks)))
+    return response(fit, voltage=_waves(fit, theta, order, -values["R"] * current))
+
+
+def of_back_emf(fit: Fit, theta: FloatArray, order: int, current: FloatArray) -> FloatArray:
+    """Return what the sensors show more, (rows, q, 2 a recording), where K is K (1 + a cos + b sin) for a, b of 1 each.
+
+    Of the current, ripple included, (rows,) in A, the torque has this, and of the speed the voltage: a current is as
+    late behind it as the winding makes it, and the other way round as the shaft turns back.
+    """
+    values, outputs, clocks = motor_values(fit), fit.simulator.outputs, fit.simulator.clocks
+    assert values is not None
+    if "w" in outputs:
+        speed = fit.explained[:, outputs.index("w")]
+    else:
+        speed = np.concatenate([np.gradient(theta[clock.rows], clock.time) for clock in clocks])
+    emf, torque = (_waves(fit, theta, order, values["K"] * signal) for signal in (speed, current))
+    return response(fit, voltage=-emf, torque=-torque)
+
+
+def _waves(fit: Fit, theta: FloatArray, order: int, size: FloatArray) -> FloatArray:
+    """Return cosine and sine of an order of the angle, of each recording, (rows, 2 a recording), held over each row."""
+    clocks = fit.simulator.clocks
+    mean, angle = (over_steps(signal, clocks) for signal in (size, order * theta))
+    waves = np.zeros((len(theta), 2 * len(clocks)))
     for e, clock in enumerate(clocks):
-        waves = np.column_stack([wave(angle[clock.rows]) for wave in (np.cos, np.sin)])
-        voltage[clock.rows, 2 * e : 2 * e + 2] = -waves * drop[clock.rows, None]  # held over each row
-    return response(fit, voltage=voltage)
+        both = np.column_stack([wave(angle[clock.rows]) for wave in (np.cos, np.sin)])
+        waves[clock.rows, 2 * e : 2 * e + 2] = both * mean[clock.rows, None]
+    return waves

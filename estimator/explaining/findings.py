@@ -111,8 +111,11 @@ def rival_in_words(
     replaced = [a for a in explanation.additions if a.name not in rival.names()]
     words, over = (" and ".join(_called(a) for a in part) or "nothing more" for part in (instead, replaced))
     sharp = all(a.effect.sharp for a in (*instead, *replaced))
-    levels = "levels of the voltage that are further apart" if fit.simulator.plan.has_levels else "two voltage levels"
-    remedy = "sample faster, or declare the sensor's filter" if sharp else f"record {levels}, or measure it"
+    remedy = (
+        "sample faster, or declare the sensor's filter"
+        if sharp
+        else f"record {fit.simulator.plan.wanted_levels}, or measure it"
+    )
     what = f"{words} instead of {over}" if instead or replaced else "the same with other values"
     turned, ways = other_way
     if rival is turned:

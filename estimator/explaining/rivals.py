@@ -174,14 +174,16 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
     A sharp one stands in for another, or for a short time constant of the model, far from where a derivative
     tells: those are always refitted.
     """
-    within = [a for a in explanation.additions if is_timing(a)]
+    within = [a for a in explanation.additions if is_timing(a) and not is_sure(explanation.fit, a)]
     switches = {a.name for a in explanation.additions if is_switch(a)}  # which of them it is has been told before
     limit = _most(selection, explanation, within)
     found = [twin for twin in selection.mirrored(explanation, limit=limit) if switches <= twin.names()]
     found += in_two(explanation, selection.effects, selection.tests.base.plan)
     found += _with_other_inductance(explanation)
-    found += _in_place_of_lateness(selection, explanation, within)
-    found += _simpler(selection, explanation, within) if len(within) <= MOST_PAIRED else []
+    if not selection.effort.is_spent():
+        found += _in_place_of_lateness(selection, explanation, within)
+    if len(within) <= MOST_PAIRED and not selection.effort.is_spent():
+        found += _simpler(selection, explanation, within)
     for addition in explanation.additions:
         if selection.effort.is_spent():
             break
@@ -271,6 +273,8 @@ def _fuller(selection: Selection, explanation: Explanation, rivals: Sequence[Exp
     near = sorted((e for e in rivals if any(is_timing(a) for a in e.additions)), key=lambda e: e.fit.cost)
     found = []
     for base in (*near[:MOST_FULLER], explanation):
+        if selection.effort.is_spent():
+            break
         missing = base.fit.cost - explanation.fit.cost - RIVALS_WITHIN
         effects = selection.effects if base is explanation else sharp  # all of its own are known already
         tested = [a for a in selection.tests.additions(base, effects) if a.gain > max(missing, LEAST_GAIN)]

@@ -172,7 +172,7 @@ class Selection:
         """Return the explanation with its noise and its effects; `sharp`: look for these before coloured noise."""
         best = self._mostly_explained(best)
         lines = [e for e in self.effects if e.is_line]
-        best = self.grown(best, lines, renew=False)  # before the noise, which would contain them
+        best = bare = self.grown(best, lines, renew=False)  # before the noise, which would contain them
         if find_windows(best.fit).enough:
             if sharp:
                 best = with_noise(best, self.differenced, colour=False)
@@ -181,16 +181,20 @@ class Selection:
                 if best.excess(self.tests.samples) > MUCH:  # what is usual first: others make up for it
                     best = self.grown(best, [e for e in self.effects if e.prior > SELDOM], colour=False)
                 best = self.retimed(best, colour=False)
+                if best.names() != bare.names():  # beside what is late they were not worth it
+                    best = self.grown(best, lines, colour=False)
         else:  # a noise from residuals would contain missing effects: neighbours tell it first
             best = with_noise_of_neighbours(best, self.differenced)
             best = self.grown(best, self.effects, renew=False)
         best = with_noise(best, self.differenced)
-        for _ in range(2):  # effects and noise depend on each other
+        for is_last in (False, True):  # effects and noise depend on each other
             before = best.names()
             best = self.without_idle(self.retimed(self.grown(best, self.effects)))
             if best.names() == before:
                 break
             best = with_noise(best, self.differenced)
+            if not is_last and self.effort.is_spent(part=OF_ADDITIONS):
+                break
         return best
 
     def _mostly_explained(self, begun: Explanation) -> Explanation:
@@ -240,6 +244,8 @@ class Selection:
             bare = without(explanation, a, iterations=0)
             found, most = list[Explanation](), explanation.criterion(n) + (ABSURD if a.effect.is_last else 0.0)
             for b in self.tests.additions(bare, [e for e in sharp if not (a.effect.is_last and e.is_last)]):
+                if self.effort.is_spent(part=OF_ADDITIONS):
+                    break
                 if is_timing(b) and b.name != a.name and channel.get(b.name) == channel[a.name]:
                     other = self.added(bare, b, limit=most)
                     if other.is_physical() and other.criterion(n) < most:

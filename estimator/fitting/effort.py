@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from estimator.plans.plan import Plan
 
-MOST_SAMPLES = 520_000_000  # of all outputs, shown for one explanation: half a minute or a minute
+MOST_SAMPLES = 600_000_000  # of all outputs, shown for one explanation: half a minute or a minute
 FURTHER = 0.25  # of it, for each further recording: what it has of its own is looked for, too
 EACH = 5000  # samples that a candidate costs beside its own, roughly: short recordings have no more time than long ones
 LEAST_CANDIDATES = 1000  # that are shown at least, however long the recordings are
 A_SAMPLE = 5  # steps that cost as much as a sample that is shown, roughly
+WITH_EVENTS = 5  # a step of an FMU with events costs as much as so many of one without
 OF_ADDITIONS = 0.5  # of all of it, by which additions are looked for: the rest is for their rivals
 
 
@@ -28,7 +29,7 @@ class Effort:
         self.was_spent = False
 
     def spend(self, candidates: int, samples: int, steps: int) -> None:
-        """Count candidates that were shown, of so many samples and so many steps between them each."""
+        """Count candidates that were shown, of so many samples and so much as so many steps beside them each."""
         self._left -= candidates * (EACH + samples + steps // A_SAMPLE)
 
     def is_spent(self, *, part: float = 1.0) -> bool:

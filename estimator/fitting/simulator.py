@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.angle_slips import angle_slips
-from estimator.fitting.effort import Effort
+from estimator.fitting.effort import WITH_EVENTS, Effort
 from estimator.fitting.problem import Problem, distinct
 from estimator.fitting.repeated_samples import mostly_repeats, without_repeats
 from estimator.fitting.shaft_angle import shaft_angle, unfolded_orders
@@ -274,6 +274,7 @@ class Simulator:
         filtered = self.filtered(candidates)
         if self.effort is not None:
             a_row = self.problem.steps_a_row * (self.between if filtered.any() else 1) * refine
+            a_row *= WITH_EVENTS if self.plan.description.has_events else 1
             self.effort.spend(len(candidates), self.rows * len(self.outputs), self.rows * a_row if a_row > 1 else 0)
         alike = filtered.all() or not filtered.any()
         rows = self.between if filtered.any() else 1

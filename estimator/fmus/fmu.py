@@ -84,6 +84,11 @@ class FmuDescription:
         """Whether the loop calls it as it is, without an adapter: co-simulation of FMI 2.0 or 3.0."""
         return self.kind == "co-simulation" and self.fmi_version[:1] in ("2", "3")
 
+    @property
+    def has_events(self) -> bool:
+        """Whether its model changes within a step, as dry friction that catches: such steps cost several plain ones."""
+        return self.counts[1] > 0
+
     def variable(self, name: str, *, role: str = "variable") -> Variable:
         """Return the variable of that name; `role` ("parameter", "input", "output", …) also bounds the suggestion.
 

@@ -6,7 +6,7 @@ steady state that no motor has. What the settled part of a refused step still de
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from estimator.recordings.finding import Finding
 from estimator.recordings.samples import filled, mean_of_known
 from estimator.recordings.settling import find_settling, lost_transient
 from estimator.recordings.signal_noise import noise_deviation
-from estimator.results.reason import Place, Reason
+from estimator.results.reason import Place, Reason, places_of
 
 FloatArray = NDArray[np.float64]
 
@@ -69,9 +69,15 @@ def refusal(plan: Plan) -> list[str]:
     return reasons
 
 
-def refused_notes(plan: Plan) -> tuple[str, ...]:
-    """Return what a refused step response still determines: its settled part gives B / K and a line between R and K."""
-    notes = []
+def refused_notes(plan: Plan, reasons: Sequence[str]) -> tuple[str, ...]:
+    """Return what refused recordings still determine: the others may be estimated, and each step's settled part.
+
+    That gives B / K and a line between R and K.
+    """
+    refused, notes = {place.recording for place in places_of(tuple(reasons))}, list[str]()
+    others = [o.recording.title for o in plan.observed if o.recording.name not in refused]
+    if refused and others:
+        notes.append(f"not refused by itself: {', '.join(others)}; leave the others out to estimate from what is left")
     for o in plan.observed:
         if o.excitation.kind != "step" or not {"i", "w"} <= set(o.outputs) or "v" not in o.inputs:
             continue

@@ -110,7 +110,7 @@ def judge(
     """
     held = () if polish is None else polish.at_given_bound(plan)
     if nothing := describes_nothing(plan, rmse, noise, spread, held=held):
-        return Judgement("refused", tuple(nothing), {}, (*refused_notes(plan), *_notes(plan, steady)))
+        return Judgement("refused", tuple(nothing), {}, (*refused_notes(plan, nothing), *_notes(plan, steady)))
     worse = worse_than_means(plan, rmse, noise, spread)
     reasons = list(worse)
     statuses: dict[str, ParameterStatus] = {}
@@ -148,7 +148,7 @@ def judge(
         told = {n for n in ("R", "J") if n not in statuses or statuses[n].status != "not identified"}
         impossible = any(CONTRADICTED in sentence for sentence in lost)
         if lost and (impossible or told != {"R", "J"} or missed):
-            return Judgement("refused", tuple(lost), {}, (*refused_notes(plan), *_doubts(explained)))
+            return Judgement("refused", tuple(lost), {}, (*refused_notes(plan, lost), *_doubts(explained)))
     else:
         reasons += above_noise(plan, rmse, noise, spread) or structured(compared)
         reasons += _fast(plan, values)
@@ -341,10 +341,9 @@ def _found(plan: Plan, explained: Explained | None, statuses: Mapping[str, Param
             "not visible in such a recording: a current that is shown 1 % too large (R and L are then 1 % too small, J"
             " and B 1 % too large), the resistance of the supply (a part of R)"
         )
-        remedy = "levels of the voltage that are further apart" if plan.has_levels else "two voltage levels"
         for size, whatever in (("if no larger than this", False), ("even if larger than this", True)):
             if others := _hidden([e for e in explained.not_visible if e.whatever_size == whatever]):
-                notes.append(f"not visible {size}: {', '.join(others)}; {remedy} tell more")
+                notes.append(f"not visible {size}: {', '.join(others)}; {plan.wanted_levels} tell more")
     return notes
 
 

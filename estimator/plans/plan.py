@@ -214,6 +214,11 @@ class Plan:
         return bool(len(driven) and driven[-1 - few] - driven[few] > PLAINLY * driven[-1 - few])
 
     @property
+    def wanted_levels(self) -> str:
+        """Voltages that would tell more than those of the recordings, in words: a sign tells no more than a size."""
+        return "levels of the voltage that are further apart" if self.has_levels else "voltages of two sizes"
+
+    @property
     def outputs(self) -> tuple[str, ...]:
         """FMU outputs that are compared."""
         return tuple(self.observed[0].outputs)

@@ -46,14 +46,14 @@ def moves_smoothly(v: FloatArray) -> bool:
 def jumps(v: FloatArray) -> BoolArray:
     """Return the rows, (n,), at which an input jumps that moves smoothly else: by far more than before and after.
 
-    None where it moves smoothly all the time; all at which it changes where it goes from level to level.
+    All at which it changes where it goes from level to level.
     """
     jumped = np.zeros(len(v), dtype=bool)
-    if moves_smoothly(v):
-        return jumped
     size = np.abs(np.diff(v))
     beside = np.maximum(np.append(0.0, size[:-1]), np.append(size[1:], 0.0))
     jumped[1:] = size > np.maximum(JUMPED * beside, NO_NOISE * row_by_row(v))
+    if moves_smoothly(v):
+        return jumped
     moved, turned = _moves_and_turns(v, jumped, row_by_row(v))
     if (
         np.mean(jumped) > SELDOM

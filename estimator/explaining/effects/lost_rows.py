@@ -26,7 +26,7 @@ NEAR_TRIED = 0.35  # of the tried rows: how near to them the answer must be
 NEARBY = 3  # rows, by which the number that explains most may differ from the last
 BESIDE = 2  # rows on each side of a jump that tell its height, and as many that tell the slopes
 NEAR = 50  # rows before and behind that tell the noise of such steps
-VISIBLE_JUMP = 4.0  # standard deviations: a larger one would be seen
+HIDDEN_JUMP, VISIBLE_JUMP = 2.0, 4.0  # standard deviations: a smaller one tells nothing, a larger one would be seen
 PLACES = 60  # that are tested, at most; beside the likeliest FINER ones, again and again
 FINER = 8
 
@@ -91,9 +91,10 @@ def _likeliest(fit: Fit, places: IntArray, ends: IntArray, tried: Sequence[int])
 
 
 def _may_jump(fit: Fit, place: int, column: FloatArray, many: int) -> bool:
-    """Whether the measured signals jump before a row as they do where rows are lost; a jump below the noise may be one.
+    """Whether the measured signals jump before a row as they do where rows are lost; a jump in the noise may be one.
 
-    What the model does not explain, such as a shaft that falls into a detent as it comes to rest, drifts.
+    What the model does not explain, such as a shaft that falls into a detent as it comes to rest, drifts. So does a
+    friction that wanders: no row tells it from rows lost where these would hardly move the signals.
     """
     clock = _clock_at(fit, place)
     at = place - clock.rows.start - 2 * BESIDE
@@ -106,7 +107,9 @@ def _may_jump(fit: Fit, place: int, column: FloatArray, many: int) -> bool:
     deviation = np.where(known, deviation, np.inf)
     expected = many * _steps(column[clock.rows, :, 0])[at] / deviation
     seen = float(expected @ expected)
-    return seen < VISIBLE_JUMP**2 or float(expected @ (measured[at] / deviation)) > 0.5 * seen
+    if seen < VISIBLE_JUMP**2:
+        return seen >= HIDDEN_JUMP**2
+    return float(expected @ (measured[at] / deviation)) > 0.5 * seen
 
 
 def _clock_at(fit: Fit, row: int) -> Clock:

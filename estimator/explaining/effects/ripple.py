@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import LEAST_FALL, STANDS_OUT
-from estimator.explaining.commutated_winding import most_change, of_resistance
+from estimator.explaining.commutated_winding import most_change, of_back_emf, of_resistance
 from estimator.explaining.effects.base import USUAL
 from estimator.explaining.effects.shaft_order import (
+    OF_BACK_EMF,
     OF_ONE_SIZE,
     OF_RESISTANCE,
     OF_SIGNAL,
@@ -62,7 +63,7 @@ class Ripple(ShaftOrder):
             if y == "angle" or len(taken) >= MOST_LINES:
                 continue
             level = level_of(fit, j)
-            power = self.power(theta, z[:, j] * level, fit, j)
+            power = self.power_each_way(theta, z[:, j] * level, fit, j)
             power[[k - 1 for k in taken]] = 0.0
             best = float(np.max(power))
             order = int(np.argmax(power > AS_GOOD * best)) + 1
@@ -96,14 +97,16 @@ class Ripple(ShaftOrder):
         return [other for other in others if test.gain(test.across(other.columns)) > LEAST_FALL]
 
     def _forms(self, fit: Fit, y: str) -> tuple[int, ...]:
-        of_current = y == "i" and motor_values(fit) is not None
-        return (OF_SIGNAL, OF_ONE_SIZE, OF_RESISTANCE) if of_current else (OF_SIGNAL, OF_ONE_SIZE)
+        if y != "i" or motor_values(fit) is None:
+            return (OF_SIGNAL, OF_ONE_SIZE)
+        of_one_way = (OF_SIGNAL, OF_ONE_SIZE, OF_RESISTANCE)  # no settled row tells a back EMF's from them
+        return (*of_one_way, OF_BACK_EMF) if _turns_back(fit) else of_one_way
 
     def _in_form(self, fit: Fit, theta: FloatArray, line: Linear, form: int, own: FloatArray | float = 0.0) -> Linear:
-        """Return a line as large as the signal, of one size, or as a resistance that changes with the angle makes it.
+        """Return a line as large as the signal, of one size, or as a winding makes it that changes with the angle.
 
-        The last may be there in transients besides the others, and one of one size where settled rows show more than it
-        can make: there neither follows from what settled rows show.
+        That of a resistance may be there in transients besides the others, and one of one size where settled rows show
+        more than it can make: there neither follows from what settled rows show.
         `own` is what the line adds to its signal, (rows,), where the fit's explanation does not hold it.
         """
         _, y, order = line.name.split(" ")  # as `linear` names it
@@ -114,13 +117,15 @@ class Ripple(ShaftOrder):
             one_size = self.columns(fit, theta, turns, k, j)
             columns = one_size if form == OF_ONE_SIZE else self.columns(fit, theta, level, k, j)
             return dataclasses.replace(line, columns=columns, form=form, transient=None if is_long else one_size)
-        of_winding = constant = None
+        of_winding = of_emf = constant = None
         if form == OF_RESISTANCE or not is_long:
             of_winding = of_resistance(fit, theta, k, fit.explained[:, j] + own)
+        if form == OF_BACK_EMF:
+            of_emf = of_back_emf(fit, theta, k, fit.explained[:, j] + own)
         if form == OF_ONE_SIZE or not is_long:
             constant = self.columns(fit, theta, turns, k, j)
-        if form == OF_RESISTANCE and of_winding is not None:
-            columns = of_winding / max(float(np.max(np.hypot(of_winding[:, j, ::2], of_winding[:, j, 1::2]))), 1e-300)
+        if (made := {OF_RESISTANCE: of_winding, OF_BACK_EMF: of_emf}.get(form)) is not None:
+            columns = made / max(float(np.max(np.hypot(made[:, j, ::2], made[:, j, 1::2]))), 1e-300)
         elif form == OF_ONE_SIZE and constant is not None:
             columns = constant
         else:
@@ -133,3 +138,12 @@ class Ripple(ShaftOrder):
         present = fit.whitener.present[:, j]
         unit = float(np.sqrt(np.mean(fit.residuals()[present, j] ** 2) / max(np.mean(z[present] ** 2), 1e-300)))
         return 2 * unit * float(np.sqrt(power)) / max(float(np.sum(level[present] ** 2)), 1.0)
+
+
+def _turns_back(fit: Fit) -> bool:
+    """Whether the shaft turns in both directions, far enough to resolve an order in each."""
+    theta = fit.simulator.angle
+    if theta is None:
+        return False
+    turns = np.concatenate([np.diff(theta[clock.rows]) for clock in fit.simulator.clocks]) / (2 * np.pi)
+    return bool(min(np.sum(turns[turns > 0]), -np.sum(turns[turns < 0])) > LEAST_TURNS)

@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 AT_ONCE = 2_000  # rows: their waves stay in a processor's cache
 EIGHT = 8  # orders, of HIGHEST_ORDER, whose waves are kept
 TURNS = 0.05  # of the largest speed: where it is less, an error of the angle is not known
-OF_SIGNAL, OF_ONE_SIZE, OF_RESISTANCE = range(3)  # forms of a line
+OF_SIGNAL, OF_ONE_SIZE, OF_RESISTANCE, OF_BACK_EMF = range(4)  # forms of a line
 
 
 def angle_of(fit: Fit, output: str) -> FloatArray | None:
@@ -121,6 +121,12 @@ class ShaftOrder(Effect):
             waves = sum((_waves(turned[part], own[part]) for part in parts), np.zeros(HIGHEST_ORDER, dtype=complex))
             total += np.where(orders, np.abs(waves) ** 2, 0.0)  # the others are aliased to a slow change
         return total
+
+    def power_each_way(self, theta: FloatArray, z: FloatArray, fit: Fit, j: int) -> FloatArray:
+        """Return the same of each direction by itself: what is late comes before its order as the shaft turns back."""
+        turns = np.concatenate([np.gradient(theta[clock.rows]) for clock in fit.simulator.clocks])
+        ways = [np.where(way, z, 0.0) for way in (turns >= 0, turns < 0)]
+        return sum((self.power(theta, own, fit, j) for own in ways if own.any()), np.zeros(HIGHEST_ORDER))
 
     def columns(self, fit: Fit, theta: FloatArray, level: FloatArray, order: int, j: int) -> FloatArray:
         """Return cosine and sine of an order of the angle, rad, of each recording, as the output shows them."""

@@ -32,7 +32,7 @@ class VoltageOffset(Effect):
 
     name: str = "voltage offset"
     prior: float = SELDOM
-    sentence: str = "the logged voltage is {value:.3g} V more than the motor's"
+    sentence: str = "the logged voltage is {value:.3g} V {more} than the motor's"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return one for all recordings, where the voltage has several values: rest, and another.
@@ -67,7 +67,7 @@ class VoltageOffset(Effect):
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say how large."""
         if name == self.name:
-            return super().tell(name, value, plan)
+            return self.sentence.format(value=abs(value), more="more" if value > 0 else "less")
         return f"the logged voltages are off by what each shows while the motor stands, {value:.3g} V at most"
 
 
