@@ -16,7 +16,9 @@ from estimator.explaining.effects import EFFECTS
 from estimator.fmus.fmu import describe
 from estimator.judging.lost_signs import lost_signs
 from estimator.judging.misfit import unexplained
+from estimator.judging.refusal import refused_notes
 from estimator.plans.planning import plan_case
+from estimator.results.reason import Place, Reason
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -65,6 +67,16 @@ def test_recordings_that_are_not_refused_by_themselves_are_named(case_of, good):
     (result,) = estimate_recordings([case_of()], [[made(*good), wrong]], workers=1)
     assert result.verdict == "refused" and "turned" in result.reasons[0]
     assert any(note.startswith("not refused by itself: made") for note in result.notes), result.notes
+
+
+def test_a_reason_of_the_whole_set_spares_no_recording(case_of, good):
+    """A sentence of the whole set names no recording; beside one with a place the others were told as good."""
+    wrong = dataclasses.replace(made(good[0], good[1] * [1, -1]), name="turned")
+    case = case_of()
+    plan = plan_case(case, describe(case.fmu), recordings=[made(*good), wrong])
+    placed, of_all = Reason("its sign is wrong", Place("turned", "w", 0.0, 1.0)), Reason("no voltage was logged")
+    spared = [[n for n in refused_notes(plan, r) if n.startswith("not refused")] for r in ([placed], [placed, of_all])]
+    assert spared == [["not refused by itself: made; leave the others out to estimate from what is left"], []]
 
 
 @pytest.mark.parametrize(("level", "moves"), [(0.0, True), (0.0, False), (2.0, False)])

@@ -72,11 +72,12 @@ def refusal(plan: Plan) -> list[str]:
 def refused_notes(plan: Plan, reasons: Sequence[str]) -> tuple[str, ...]:
     """Return what refused recordings still determine: the others may be estimated, and each step's settled part.
 
-    That gives B / K and a line between R and K.
+    That gives B / K and a line between R and K. A reason without a place is one of the whole set: it spares none.
     """
-    refused, notes = {place.recording for place in places_of(tuple(reasons))}, list[str]()
+    places, notes = [places_of((reason,)) for reason in reasons], list[str]()
+    refused = {place.recording for of_reason in places for place in of_reason}
     others = [o.recording.title for o in plan.observed if o.recording.name not in refused]
-    if refused and others:
+    if others and places and all(places):
         notes.append(f"not refused by itself: {', '.join(others)}; leave the others out to estimate from what is left")
     for o in plan.observed:
         if o.excitation.kind != "step" or not {"i", "w"} <= set(o.outputs) or "v" not in o.inputs:
