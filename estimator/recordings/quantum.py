@@ -12,7 +12,8 @@ FloatArray = NDArray[np.float64]
 OFF_LATTICE = 0.05  # of a step
 REPEATS = 0.5  # of the samples: levels of a signal that repeats them
 BY_CHANCE = 12  # gaps of two steps or more: that all are whole is chance once in 2 OFF_LATTICE to that power
-AT_SIGHT, MOST_AT_SIGHT = 6.0, 500  # times the least gap: those, so many at most, are looked at first
+FIRST_REACH, FURTHER = 1.5, 4.0  # times the least gap: those are looked at first; and times as far then
+MOST_TOGETHER = 200_000  # gaps times the steps that they are held against at once
 MOST_STEPS = 64  # between the two nearest levels
 TURNS = 0.5  # of the samples: values, of an angle that goes on
 APART, BESIDE = 2.5, 0.3  # times the gaps between printed digits are those between steps; part of the usual one
@@ -31,7 +32,8 @@ def quantum(y: FloatArray) -> float:
         return step
     fine = _lattice(np.diff(y))
     turns = len(np.unique(y)) > TURNS * len(y)
-    return _lattice(y, printed=fine) or (_lattice(_without_digits(np.diff(y))) if turns else 0.0) or fine
+    known = _lattice(y, printed=fine) if fine > 0 else 0.0  # of no digits it is told above
+    return known or (_lattice(_without_digits(np.diff(y))) if turns else 0.0) or fine
 
 
 def _without_digits(y: FloatArray) -> FloatArray:
@@ -64,40 +66,51 @@ def _lattice(y: FloatArray, *, printed: float = 0.0) -> float:
     """
     peak = float(np.max(np.abs(y), initial=0.0))
     differences = np.diff(np.sort(y))
-    differences = differences[differences > 1e-9 * peak]  # the rest is one level, or rounding
+    differences = np.sort(differences[differences > 1e-9 * peak])  # the rest is one level, or rounding
     if len(differences) < 2:
         return 0.0
-    repeats, least = len(differences) <= REPEATS * len(y), float(np.min(differences))
+    repeats, least = len(differences) <= REPEATS * len(y), float(differences[0])
     if printed > PRINTED * least or (printed > 0 and len(differences) < LEAST_LEVELS):
         return 0.0
     if repeats:
-        return _step(differences, least, printed, repeats=True)
+        return _step(differences, np.ones(1), printed, repeats=True)
     if len(differences) < BY_CHANCE:
         return 0.0
-    parts = np.arange(1, 1 + MOST_STEPS)  # of an angle the nearest samples may be some steps apart
-    multiples = np.outer(parts, differences[differences < AT_SIGHT * least][:MOST_AT_SIGHT] / least)
-    off = np.max(np.abs(multiples - np.round(multiples)), axis=1)
-    likely = parts[off < 2 * (OFF_LATTICE + printed * parts / least)].tolist()  # as rough as the least of them is
-    return next((step for n in likely if (step := _step(differences, least / n, printed, repeats=False)) > 0), 0.0)
+    return _step(differences, np.arange(1.0, 1 + MOST_STEPS), printed, repeats=False)
 
 
-def _step(differences: FloatArray, step: float, printed: float, *, repeats: bool) -> float:
-    """Return a step of which all differences, (n,), are whole multiples, from one that is nearly so; 0: there is none.
+def _step(differences: FloatArray, parts: FloatArray, printed: float, *, repeats: bool) -> float:
+    """Return the first step of which all differences are whole multiples; 0: there is none.
+
+    Few digits tell a step only roughly, and many of them are then no whole number: it is told by the least ones first.
 
     Parameters
     ----------
+    differences : (n,), sorted
+    parts : (m,)
+        A step is this part of the least difference: of an angle the nearest samples may be some steps apart.
     repeats : bool
         Whether the levels repeat: else it may be chance, or a line, whose differences are one, as often as it likes.
     """
-    off, reach = OFF_LATTICE + printed / step, 1.5 * float(np.min(differences)) / step
-    while True:  # few digits tell a step only roughly, and many of them are then no whole number
-        near = differences[differences < reach * step]
-        multiples = near / step
+    steps, reach = differences[0] / parts, FIRST_REACH * differences[0]
+    off = OFF_LATTICE + printed / steps
+    while len(steps):
+        near = differences[: np.searchsorted(differences, reach)]
+        if len(parts) > 1 and len(near) * len(parts) > MOST_TOGETHER:
+            return next(
+                (s for n in parts if (s := _step(differences, np.array([n]), printed, repeats=repeats)) > 0), 0.0
+            )
+        multiples = near / steps[:, None]
         whole = np.round(multiples)
-        if float(np.max(np.abs(multiples - whole))) >= off:
-            return 0.0
-        step = float(np.sum(near) / np.sum(whole))
+        fits = np.max(np.abs(multiples - whole), axis=1) < off
+        whole, off, parts = whole[fits], off[fits], parts[fits]
+        steps = np.sum(near) / np.sum(whole, axis=1)
         if len(near) == len(differences):
-            told = np.count_nonzero(whole > 1) >= BY_CHANCE and np.gcd.reduce(whole.astype(np.int64)) == 1
-            return step if repeats or told else 0.0
-        reach *= 4.0
+            return next((float(s) for s, n in zip(steps, whole, strict=True) if repeats or _is_told(n)), 0.0)
+        reach *= FURTHER
+    return 0.0
+
+
+def _is_told(multiples: FloatArray) -> bool:
+    """Whether whole multiples, (n,), of a step tell it: many are of two or more, and none is in all of them."""
+    return int(np.count_nonzero(multiples > 1)) >= BY_CHANCE and int(np.gcd.reduce(multiples.astype(np.int64))) == 1
