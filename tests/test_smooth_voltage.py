@@ -1,10 +1,16 @@
 """Voltages that move smoothly: on lines between their rows, noisy, and from the first row on."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from estimator import estimate_parameters, recording_from_arrays
+from estimator.cases.case import case_for_recording, read_case
+from estimator.explaining.interpretations import interpretations
+from estimator.fmus.fmu import describe
+from estimator.plans.planning import plan_case
 from estimator.recordings.excitation import find_excitation
 from estimator.recordings.smooth_inputs import jumps, moves_smoothly, smoothed
 
@@ -123,6 +129,11 @@ def of_capacitor(seed, said=""):
     return recording_from_arrays("capacitor", times, {"voltage [V]": v, "current [A]": i, "speed [rad/s]": w})
 
 
+def written_to(file, recording):
+    table = np.column_stack([recording.time, *recording.signals.values()])
+    np.savetxt(file, table, delimiter=",", header=",".join(["t [s]", *recording.units]), comments="")
+
+
 @pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.full) for k in (2, 3))])
 def test_a_measured_voltage_that_jumps_and_falls_is_on_lines_between_its_jumps_or_nobody_can_tell(seed):
     result = estimate_parameters(of_capacitor(seed), workers=1)
@@ -132,11 +143,7 @@ def test_a_measured_voltage_that_jumps_and_falls_is_on_lines_between_its_jumps_o
 
 
 def test_a_voltage_that_is_declared_to_be_linear_between_jumps_is_told_as_exactly_as_a_smooth_one(tmp_path):
-    recording = of_capacitor(4)
-    table = np.column_stack([recording.time, *recording.signals.values()])
-    np.savetxt(
-        tmp_path / "capacitor.csv", table, delimiter=",", header=",".join(["t [s]", *recording.units]), comments=""
-    )
+    written_to(tmp_path / "capacitor.csv", of_capacitor(4))
     (tmp_path / "discharge.case.toml").write_text(
         '[inputs]\nv = { column = "voltage [V]", between = "linear between jumps" }\n'
         '[[recording]]\nfile = "capacitor.csv"\n'
@@ -144,6 +151,21 @@ def test_a_voltage_that_is_declared_to_be_linear_between_jumps_is_told_as_exactl
     result = estimate_parameters(tmp_path / "discharge.case.toml", workers=1)
     assert result.verdict == "ok", result.reasons
     assert worst(result) < 4.5 and result.parameters["K"].uncertainty < 5e-3 * MOTOR["K"]
+
+
+@pytest.mark.parametrize("way", [0, 1])
+def test_what_decides_how_a_voltage_goes_between_its_rows_is_said_as_a_case_file_takes_it(tmp_path, way):
+    """The sentence named a key that [inputs] does not have, and who wrote it was refused."""
+    written_to(tmp_path / "capacitor.csv", of_capacitor(4))
+    case = case_for_recording(tmp_path / "capacitor.csv")
+    ways = interpretations(plan_case(case, describe(case.fmu)))
+    said = re.search(r"under (\[inputs\]): (.*) or (.*)", ways[way].remedy)
+    table, held, other = said.groups()
+    lines = [held, held.replace('"held"', other)]
+    (tmp_path / "said.case.toml").write_text(f"{table}\n{lines[way]}\n[[recording]]\nfile = 'capacitor.csv'\n")
+    case = read_case(tmp_path / "said.case.toml")
+    assert len(interpretations(plan_case(case, describe(case.fmu)))) == 1
+    assert (case.held, case.jumping) == [(("v",), ()), ((), ("v",))][way]
 
 
 def test_jumps_are_where_a_voltage_changes_by_far_more_than_beside_and_everywhere_where_it_has_levels():

@@ -80,7 +80,11 @@ def _between_rows(plan: Plan) -> tuple[Interpretation, ...]:
         dataclasses.replace(o, jumps={**o.jumps, **{n: jumps(o.inputs[n]) for n in jumping}}) for o in plan.observed
     ]
     on_lines = dataclasses.replace(plan, case=case, observed=tuple(observed))
-    remedy = f'say which it is, between = "{HELD}" or "{JUMPING if jumping else LINEAR}" under [inputs]'
+    column = next((read.column for o in plan.observed for read in o.read if read.signal == moving[0]), "…")
+    remedy = (
+        f'say which it is in a case file, under [inputs]: {moving[0]} = {{ column = "{column}", between = "{HELD}" }}'
+        f' or "{JUMPING if jumping else LINEAR}"'
+    )
     names = ", ".join(moving)
     return tuple(
         Interpretation(
