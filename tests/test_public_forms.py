@@ -713,3 +713,122 @@ def test_a_speed_in_kilometres_an_hour_needs_the_wheel(tmp_path: Path) -> None:
 def test_an_input_of_iddata_without_a_name_is_suggested(tmp_path: Path) -> None:
     assert "is it 'u1'?" in sentence(save(tmp_path, "time,u1,y1", TIME, V, W))
     assert "is it" not in sentence(save(tmp_path, "time,u1,u2,y1", TIME, V, V, W))
+
+
+class TestMessagesOfRos:
+    """What `rostopic echo` and `ros2 topic echo` print of a topic, kept in a file."""
+
+    def save(self, folder: Path, message: Callable[[int, int, int], str], end: str = "---\n") -> Path:
+        ticks = [divmod(round(t * 1e9), 10**9) for t in TIME]
+        path = folder / "motor.yaml"
+        path.write_text("---\n".join(message(k, *tick) for k, tick in enumerate(ticks)) + end)
+        return path
+
+    def test_each_message_is_a_row_at_its_stamp(self, tmp_path: Path) -> None:
+        def message(k: int, s: int, ns: int) -> str:
+            stamp = f"header: \n  seq: {k}\n  stamp: \n    secs: {s + 1700000000}\n    nsecs: {ns}\n  frame_id: ''\n"
+            return f"{stamp}voltage: {V[k]}\nspeed: {float(W[k])}\nmode: running\n"
+
+        recording = read_recording(self.save(tmp_path, message))
+        np.testing.assert_allclose(recording.time, TIME, atol=1e-6)
+        np.testing.assert_array_equal(recording.signals["speed"], W)
+        np.testing.assert_array_equal(recording.signals["voltage"], V)
+
+    @pytest.mark.parametrize("is_flow", [False, True])
+    def test_values_of_a_list_have_the_names_beside_it(self, is_flow: bool, tmp_path: Path) -> None:
+        def listed(key: str, *values: object) -> str:
+            items = [f"{key}: [{', '.join(map(str, values))}]"] if is_flow else [f"{key}:", *(f"- {x}" for x in values)]
+            return "\n".join(items) + "\n"
+
+        def message(k: int, s: int, ns: int) -> str:
+            names = listed("name", "left_wheel", "right_wheel")
+            stamp = f"header:\n  stamp:\n    sec: {s}\n    nanosec: {ns}\n  frame_id: ''\n"
+            return stamp + names + listed("velocity", float(W[k]), 0.5) + "effort: []\n"
+
+        recording = read_recording(self.save(tmp_path, message))
+        np.testing.assert_array_equal(recording.signals["left_wheel.velocity"], W)
+        np.testing.assert_array_equal(recording.signals["right_wheel.velocity"], 0.5)
+
+    @pytest.mark.parametrize("item", ["- ", "- \n    "])
+    def test_items_of_structures_are_numbered_and_a_message_that_is_cut_off_is_left_out(
+        self, item: str, tmp_path: Path
+    ) -> None:
+        def message(k: int, s: int, ns: int) -> str:
+            motors = f"motors:\n  {item}id: 4\n    speed: {float(W[k])}\n  {item}id: 5\n    speed: 0.0\n"
+            return f"stamp:\n  sec: {s}\n  nanosec: {ns}\n{motors}volts: {V[k]}\n"
+
+        recording = read_recording(self.save(tmp_path, message, end="---\nstamp:\n  sec: 9\n"))
+        np.testing.assert_array_equal(recording.signals["motors.1.speed"], W)
+        np.testing.assert_array_equal(recording.signals["volts"], V)
+        assert recording.not_read == ("the last message is cut off and left out",)
+
+    def test_messages_of_words_are_told_to_be_such(self, tmp_path: Path) -> None:
+        told = sentence(self.save(tmp_path, lambda k, s, ns: "data: stop\n"))
+        assert told == "motor.yaml holds messages of ROS without numbers; record a topic that has the signals"
+
+
+class TestSignalsInLines:
+    """A table whose lines are signals."""
+
+    @pytest.mark.parametrize(
+        ("names", "line"),
+        [
+            (("time [s]", "voltage [V]", "speed [rad/s]"), "{},{}"),
+            (('"time"', '"voltage"', '"speed"'), "{};{}"),
+            (("time\ts", "voltage\tV", "speed\trad/s"), "{}\t{}\t"),
+            (("time", "voltage", "speed"), "{}: [{}]"),
+        ],
+    )
+    def test_it_is_read(self, names: tuple[str, ...], line: str, tmp_path: Path) -> None:
+        mark = next((m for m in ";\t" if m in line), ",")
+        samples = [mark.join(f"{x:.10g}" for x in signal) for signal in (TIME, V, W)]
+        samples = [text.replace(".", ",") for text in samples] if mark == ";" else samples
+        path = tmp_path / "log.csv"
+        path.write_text("\n".join(line.format(*pair) for pair in zip(names, samples, strict=True)) + "\n")
+        recording = read_recording(path)
+        np.testing.assert_allclose(recording.time, TIME, atol=1e-12)
+        np.testing.assert_allclose(recording.signals["speed"], W, atol=1e-7)
+        np.testing.assert_array_equal(recording.signals["voltage"], V)
+
+    def test_a_line_that_is_shorter_is_named(self, tmp_path: Path) -> None:
+        path = tmp_path / "log.csv"
+        pairs = (("time [s]", TIME), ("voltage [V]", V), ("speed [rad/s]", W[:-1]))
+        path.write_text("\n".join(",".join([name, *map(str, signal)]) for name, signal in pairs))
+        told = sentence(path)
+        assert told.startswith(
+            "log.csv holds a signal in each line, and line 3 is none, or not as long as the first (400"
+        )
+
+    def test_lines_without_names_are_told_to_be_signals(self, tmp_path: Path) -> None:
+        path = tmp_path / "log.txt"
+        np.savetxt(path, [TIME, V, W], fmt="%.6g")
+        told = sentence(path)
+        assert told.startswith("log.txt holds a signal in each line (3 lines of 400 numbers) and no names; write")
+
+
+class TestPages:
+    """Tables of HTML, which some programs call .xls, and of a spreadsheet's XML."""
+
+    def rows(self, row: str, cell: str, between: str) -> str:
+        cells = [["time [s]", "voltage [V]", "speed [rad/s]"], *np.column_stack([TIME, V, W]).tolist()]
+        return between.join(row.format("".join(cell.format(x) for x in line)) for line in cells)
+
+    @pytest.mark.parametrize("between", ["", "\n"])
+    def test_the_longest_table_of_a_page_is_read(self, between: str, tmp_path: Path) -> None:
+        path = tmp_path / "log.xls"
+        small = "<table><tr><td>motor</td><td>7</td></tr></table>"
+        long = self.rows("<tr>{}</tr>", "<td> <b>{}</b>\n</td>", between)
+        path.write_text(f"<!DOCTYPE html><html><style>td {{}}</style><body>{small}<table>{long}</table>{small}</body>")
+        recording = read_recording(path)
+        np.testing.assert_array_equal(recording.signals["speed"], W)
+
+    def test_a_spreadsheet_of_xml_is_read(self, tmp_path: Path) -> None:
+        path = tmp_path / "log.xml"
+        rows = self.rows("<Row>{}</Row>", "<Cell><Data>{}</Data></Cell>", "\n")
+        path.write_text(f'<?xml version="1.0"?>\n<Workbook><Worksheet><Table>{rows}</Table></Worksheet></Workbook>')
+        np.testing.assert_array_equal(read_recording(path).signals["speed"], W)
+
+    def test_a_page_without_a_table_is_told_to_have_none(self, tmp_path: Path) -> None:
+        path = tmp_path / "log.html"
+        path.write_text("<html><body>404</body></html>")
+        assert sentence(path).startswith("log.html holds no table of samples; it should begin with a header such as")

@@ -102,7 +102,8 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
     while lines and not lines[-1].strip(EMPTY):
         lines.pop()  # rows of empty cells at the end
     if not lines:
-        raise RecordingError(f"{path.name} is empty; it should begin with a header such as {HEADER_EXAMPLE}")
+        lacks = "is empty" if rewritten is None else "holds no table of samples"
+        raise RecordingError(f"{path.name} {lacks}; it should begin with a header such as {HEADER_EXAMPLE}")
     bare = bool(rules.numbers) and (rules.counted or not has_header(path, lines, rules))
     at, delimiter, header = numbered_columns(path, lines) if bare else find_header(path, lines, rules)
     rows = [k for k in range(at + 1, len(lines)) if lines[k].lstrip()[:1] not in SKIPPED]

@@ -1,4 +1,4 @@
-"""Files of numbers that are no plain text: how each is known, and what reads it. Imports a reader where it is needed.
+"""Files that are no rows of text below a header: how each is known, and what reads it. Imports a reader when needed.
 
 docs/add-a-format.md says how to add one.
 """
@@ -128,6 +128,30 @@ def _is_npz(path: Path, head: bytes) -> bool:
     return is_npz(path, head)
 
 
+def _messages(path: Path, head: bytes) -> Columns:
+    from estimator.recordings.recording_messages import read_messages
+
+    return read_messages(path, head)
+
+
+def _are_messages(path: Path, head: bytes) -> bool:
+    from estimator.recordings.recording_messages import are_messages
+
+    return are_messages(path, head)
+
+
+def _in_lines(path: Path, head: bytes) -> Columns:
+    from estimator.recordings.signals_in_lines import read_signals_in_lines
+
+    return read_signals_in_lines(path, head)
+
+
+def _is_in_lines(path: Path, head: bytes) -> bool:
+    from estimator.recordings.signals_in_lines import are_signals_in_lines
+
+    return are_signals_in_lines(path, head)
+
+
 FORMATS: tuple[Format, ...] = (
     Format((".parquet",), begins(b"PAR1"), _parquet),
     Format((".mf4", ".mdf", ".dat"), begins(b"MDF     ", b"UnFinMF "), _mdf),
@@ -137,4 +161,6 @@ FORMATS: tuple[Format, ...] = (
     Format((), _is_npz, _npz),  # results are called .npz, too
     Format((), _is_json, _json),  # much else is called .json
     Format((".mat",), _is_mat, _mat),
+    Format((), _are_messages, _messages),  # text, as the next
+    Format((), _is_in_lines, _in_lines),
 )

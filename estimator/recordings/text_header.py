@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from estimator.errors import RecordingError
+from estimator.recordings.recording import MIN_SAMPLES
 from estimator.recordings.text_cells import (
     Cells,
     count_of_numbers,
@@ -165,6 +166,13 @@ def _are_counted(rows: Sequence[Cells], width: int) -> bool:
 
 
 def _no_header(path: Path, lines: list[str], first: int) -> NoReturn:
+    said = [line for line in lines if line.lstrip()[:1] not in SKIPPED]
+    samples = max(count_of_numbers(cells) for cells in (split_cells(said[0], d) for d in (";", "\t", ",", None)))
+    if len(said) < MIN_SAMPLES <= samples:
+        raise RecordingError(
+            f"{path.name} holds a signal in each line ({len(said)} lines of {samples} numbers) and no names; write the"
+            f" name before each line's samples, or one column a signal, below a header such as {HEADER_EXAMPLE}"
+        )
     columns, rising = _columns_of_numbers(path, lines)
     others = [j for j in columns if j != rising] or [1]
     example = f"--column v={others[0]}"
