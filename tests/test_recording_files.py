@@ -155,6 +155,11 @@ MAT_COMPLAINTS = {
         {**VECTORS, "v": np.append(V, 10.5)},
         "run3.mat: v has 61 samples and the time t has 60; save vectors of one length",
     ),
+    "half as many samples": (
+        {**VECTORS, "w": W[::2]},
+        "run3.mat: w has 30 samples and the time t has 60; save vectors of one length, or its own time beside it, as"
+        " time_w",
+    ),
     "a sample less, no time": ({"v": V[1:], "i": CURRENT, "w": W}, "run3.mat: there is no time column"),
     "lengths, no time": (
         {"v": V[1:], "w": W},
@@ -167,6 +172,22 @@ MAT_COMPLAINTS = {
 def test_a_speed_that_was_differenced_beside_its_angle_is_left_out(tmp_path: Path) -> None:
     as_v5(tmp_path / "run3.mat", {**VECTORS, "w": W[1:], "angle": np.cumsum(W) * 1e-3})
     assert set(motor_columns(read_recording(tmp_path / "run3.mat"), required=("v", "i"))) == {"v", "i", "angle"}
+
+
+@pytest.mark.parametrize("clock", ["time_w", "w_time", "tw", "t2"])
+def test_a_vector_of_another_length_is_read_with_a_time_of_its_own(clock: str, tmp_path: Path) -> None:
+    as_v5(tmp_path / "run3.mat", {**VECTORS, "w": W[::5], clock: TIME[::5]})
+    recording = read_recording(tmp_path / "run3.mat")
+    assert set(motor_columns(recording)) == {"v", "i", "w"} and recording.not_read == ()
+    np.testing.assert_array_equal(recording.signals["w"][::5], W[::5])
+    assert np.isnan(recording.signals["w"]).sum() == N - N // 5
+
+
+@pytest.mark.parametrize("clock", [{"t": TIME}, {}])
+def test_vectors_of_another_length_that_are_left_out_are_told(clock: dict[str, np.ndarray], tmp_path: Path) -> None:
+    as_v5(tmp_path / "run3.mat", {"v": V, "i": CURRENT, "w": W, "reference": V[::2], **clock})
+    recording = read_recording(tmp_path / "run3.mat", ReadAs(rate=None if clock else 1000))
+    assert recording.not_read == ("left out, not as long as the others (60 samples): reference (30)",)
 
 
 @pytest.mark.parametrize("name", MAT_COMPLAINTS)

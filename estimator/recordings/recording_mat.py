@@ -5,7 +5,7 @@ What is found, in this order:
     structure with time         out.time and out.signals(k).values, .label or .blockName, as Simulink logs them
     dSPACE's recorder           X.Data, and Y(k).Name, Y(k).Data
     signals with own clocks     i.Time and i.Data (a time series as a structure), or i = [time, value]
-    vectors                     t, v, i, w of one length, in the file or in one structure
+    vectors                     t, v, i, w of one length, or each beside a time of its own (tv, time_v, v_time)
     a matrix and its names      data (n × m) beside m names, and m units where they are given
     objects                     timeseries, Simulink's Dataset, timetable, iddata (matlab_objects.py)
 """
@@ -13,7 +13,8 @@ What is found, in this order:
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,12 +24,14 @@ import numpy as np
 from estimator.errors import RecordingError, to_install
 from estimator.recordings.columns import Columns, Signal, distinct, on_one_clock
 from estimator.recordings.headers import parse_header, rank_in_role
+from estimator.recordings.recording import MIN_SAMPLES
 from estimator.recordings.units import FloatArray, parse_unit
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 TEXT = b"MATLAB 5.0 MAT-file"
 REMEDY = "save the vectors time, voltage, current and speed, or a structure of them"
 _PORT = re.compile(r"(Out|In|Value)?\d*")  # of a block, the last part of a path
+_CLOCK_OF = re.compile(r"(?:time|t)_?(\w+)|(\w+)_(?:time|t)", re.I)  # the time of one signal
 MIN_ROWS = 3
 SIGNALS = ("v", "i", "w")
 MOVING = (("v",), ("i",), ("w", "angle"))  # what a motor's recording has, one or the other
@@ -55,14 +58,15 @@ def read_mat(path: Path, head: bytes) -> Columns:
         for group in groups:
             signals = reading(group)
             if signals:
-                return on_one_clock(path, signals)
+                lengths = {len(signal.time) for signal in signals}
+                return replace(on_one_clock(path, signals), not_read=_not_as_long(group, lengths))
     if objects:
         found = _objects(path, objects)
         if found:
             return on_one_clock(path, found)
     for group in groups:
         if columns := _without_clock(group):
-            return columns
+            return replace(columns, not_read=_not_as_long(group, {len(columns.columns[0])}))
     if objects:
         raise RecordingError(f"{path.name} holds {objects}, and in it no signal with a clock; {REMEDY}")
     names = ", ".join(_with_length(name, value) for name, value in content.items()) or "nothing"
@@ -223,25 +227,53 @@ def _own_clocks(group: Mapping[str, Any]) -> list[Signal]:
 
 
 def _vectors(path: Path, group: Mapping[str, Any]) -> list[Signal]:
-    """Return the vectors that are as long as the time; complain of a signal that is nearly so."""
+    """Return the vectors that are as long as a time; complain of a motor's signal that is as long as none."""
     vectors = {name: v for name, value in group.items() if (v := _vector(value)) is not None and len(v) >= MIN_ROWS}
     clock = _clock(list(vectors))
     if clock is None:
         return []
-    unit = parse_header(clock).unit
-    time = vectors[clock] if unit is None or unit.quantity != "time" else unit.to_si(vectors[clock])
-    names = [name for name, vector in vectors.items() if name != clock and len(vector) == len(time)]
+    clocks = {len(vectors[name]): name for name in (*_other_clocks(vectors), clock)}  # the last one goes before
+    times = {}
+    for length, name in clocks.items():
+        unit = parse_header(name).unit
+        times[length] = vectors[name] if unit is None or unit.quantity != "time" else unit.to_si(vectors[name])
+    names = [name for name, vector in vectors.items() if name not in clocks.values() and len(vector) in times]
     for roles in MOVING:
         either = [n for n in vectors if any(rank_in_role(parse_header(n).name, role) is not None for role in roles)]
-        nearly = [name for name in either if len(time) / 2 < len(vectors[name]) < 2 * len(time)]
-        if nearly and not set(either) & set(names):
+        others = [name for name in either if len(vectors[name]) >= MIN_SAMPLES]
+        if others and not set(either) & set(names):
             raise RecordingError(
-                f"{path.name}: {nearly[0]} has {len(vectors[nearly[0]])} samples and the time {clock} has {len(time)};"
-                " save vectors of one length"
+                f"{path.name}: {others[0]} has {len(vectors[others[0]])} samples and the time {clock} has"
+                f" {len(vectors[clock])}; save vectors of one length, or its own time beside it, as time_{others[0]}"
             )
     units = group.get("units", group.get("unit"))
     given = units if isinstance(units, Mapping) else {}
-    return [Signal(_with_unit(name, _text(given.get(name))), vectors[name], time) for name in names]
+    return [
+        Signal(_with_unit(name, _text(given.get(name))), vectors[name], times[len(vectors[name])]) for name in names
+    ]
+
+
+def _other_clocks(vectors: Mapping[str, FloatArray]) -> list[str]:
+    """Return the times of signals that are sampled at rates of their own: time_speed, speed_time, tv, t2."""
+    found = []
+    for name, vector in vectors.items():
+        named = _CLOCK_OF.fullmatch(name)
+        of = (named[1] or named[2] or "") if named else ""
+        is_of_one = of.isdecimal() or of in vectors or any(rank_in_role(of, role) is not None for role in SIGNALS)
+        if is_of_one and bool(np.all(np.diff(vector) > 0)):
+            found.append(name)
+    return found
+
+
+def _not_as_long(group: Mapping[str, Any], lengths: Collection[int]) -> tuple[str, ...]:
+    """Say which vectors of a motor's file are left out, as they are as long as none that is read."""
+    vectors = {name: vector for name, value in group.items() if (vector := _vector(value)) is not None}
+    others = [f"{name} ({len(v)})" for name, v in vectors.items() if len(v) >= MIN_SAMPLES and len(v) not in lengths]
+    if not others:
+        return ()
+    return (
+        f"left out, not as long as the others ({', '.join(map(str, sorted(lengths)))} samples): {', '.join(others)}",
+    )
 
 
 def _matrix(path: Path, group: Mapping[str, Any]) -> list[Signal]:
