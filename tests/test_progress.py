@@ -5,11 +5,15 @@ import os
 import pty
 import termios
 import time
+from pathlib import Path
 
 import pytest
 
+from estimator import estimate_parameters
 from estimator.estimating import progress
 from estimator.estimating.progress import LiveLine, Progress, fitted, is_live, is_terminal, progress_line
+
+EXAMPLE = Path(__file__).parent.parent / "examples" / "cml050_step.csv"
 
 
 class Clock:
@@ -24,7 +28,7 @@ class Clock:
 def test_a_line_tells_phase_runs_rate_remaining_time_cost_and_values():
     event = Progress("search", 1200, 4000, 0.0125, {"R": 3.1, "J": 9e-6})
     assert progress_line(event, seconds=3.0) == (
-        "search  1200 of 4000 simulations  400/s  7 s left  cost 0.0125  R 3.1  J 9e-06"
+        "search  1200 of 4000 simulations  400/s  search ends in 7 s  cost 0.0125  R 3.1  J 9e-06"
     )
 
 
@@ -38,12 +42,23 @@ def test_a_line_tells_phase_runs_rate_remaining_time_cost_and_values():
             6.0,
             "search  3 simulations  0.5/s  6 s so far, time left not known",
         ),
-        (Progress("search", 100, 100_100), 10.0, "search  100 of 100100 simulations  10/s  2.8 h left"),
-        (Progress("search", 100, 1_100), 10.0, "search  100 of 1100 simulations  10/s  2 min left"),
+        (Progress("search", 100, 100_100), 10.0, "search  100 of 100100 simulations  10/s  search ends in 2.8 h"),
+        (Progress("search", 100, 1_100), 10.0, "search  100 of 1100 simulations  10/s  search ends in 2 min"),
     ],
 )
 def test_a_line_says_what_is_known_and_when_no_end_is_in_sight(event, seconds, line):
     assert progress_line(event, seconds=seconds) == line
+
+
+@pytest.mark.parametrize("method", ["cuckoo", "original"])
+def test_an_estimation_never_promises_an_end_that_it_passes(method, tmp_path):
+    case, events = tmp_path / "step.case.toml", []
+    case.write_text(f'[search]\nmethod = "{method}"\nnests = 10\niterations = 3\n\n[[recording]]\nfile = "{EXAMPLE}"\n')
+    estimate_parameters(case, workers=1, progress=events.append)
+    promised = {event.phase: event.expected for event in events}
+    assert promised["search"] is not None
+    assert all(event.expected is None or event.simulations <= event.expected for event in events)
+    assert {phase for phase, expected in promised.items() if expected is not None} == {"search"}
 
 
 def test_the_line_is_drawn_at_most_ten_times_a_second_and_wiped_at_the_end():
@@ -72,7 +87,7 @@ def test_a_line_goes_on_while_nothing_is_simulated_until_it_is_wiped(monkeypatch
     stream = io.StringIO()
     with LiveLine(stream) as line:
         line(Progress("rivals", 1))
-        assert waited(lambda: stream.getvalue().count("rivals") > 2)
+        assert waited(lambda: stream.getvalue().count("alternatives") > 2)
         line.wipe()
         drawn = stream.getvalue()
         time.sleep(0.06)

@@ -54,7 +54,7 @@ def check(screen: Screen, *, status: int = 0, columns: int = 80, whole: bool = T
     assert "Traceback" not in screen.text and "internal error" not in screen.text, screen.text
     for drawing in screen.drawings:
         assert len(drawing) < columns, drawing
-        assert not whole or re.search(r"\b\d+ (s|min|h) left|\d h left|time left not known", drawing), drawing
+        assert not whole or re.search(r"search ends in [\d.]+ (s|min|h)\b|time left not known", drawing), drawing
     return screen
 
 

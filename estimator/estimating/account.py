@@ -41,10 +41,9 @@ class Account:
         self._open = False
         self._counted = 0
 
-    def opened(self, expected: int) -> None:
-        """Count from here: the FMU is loaded; so many simulations are expected."""
+    def opened(self) -> None:
+        """Count from here: the FMU is loaded."""
         self._open = True
-        self.expect(expected)
         self._crew.pool.on_tick = self.tell
 
     @property
@@ -53,13 +52,13 @@ class Account:
         return self._crew.failures if self._open else []
 
     def enter(self, phase: str) -> None:
-        """Begin a phase; the simulations until the next are its own."""
+        """Begin a phase; the simulations until the next are its own, and how many is not known."""
         self.count()
-        self.standing = dataclasses.replace(self.standing, phase=phase)
+        self.standing = dataclasses.replace(self.standing, phase=phase, expected=None)
         self.tell()
 
     def expect(self, simulations: int) -> None:
-        """Expect so many simulations from here to the end."""
+        """Expect so many simulations from here to the end of the phase."""
         self.standing = dataclasses.replace(self.standing, expected=self._simulations + simulations)
 
     def found(self, names: Sequence[str], values: FloatArray, cost: float) -> None:

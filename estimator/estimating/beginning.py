@@ -27,7 +27,7 @@ def begin(session: Session) -> Estimate | None:
         return refused(session, reasons, notes=refused_notes(plan, reasons))
     session.noise = output_deviations(plan)
     session.problem = Problem(plan, session.crew, sigma=_sigma(session))
-    session.account.opened(usual_simulations(plan))
+    session.account.opened()
     still = _unmoved(session)
     return refused(session, still) if still else None
 

@@ -10,7 +10,7 @@ import numpy as np
 from estimator.estimating.baselines import direct_values
 from estimator.estimating.cuckoo import CuckooSearch
 from estimator.estimating.differential_evolution import DifferentialEvolution
-from estimator.estimating.effort import EVOLUTIONS, POPULATION, nests_and_generations
+from estimator.estimating.effort import EVOLUTIONS, POPULATION, nests_and_generations, usual_simulations
 from estimator.estimating.ending import finish, refused
 from estimator.estimating.session import Session
 from estimator.plans.space import Space, paper_space
@@ -25,6 +25,7 @@ def paper(session: Session) -> Estimate:
     nests, generations = nests_and_generations(session.plan)
     session.probe(box.from_cube(np.full(box.dimension, 0.5)))
     session.account.enter("search")
+    session.account.expect(usual_simulations(session.plan))
     space = paper_space(session.plan, box) if session.method == "paper" else Space.full(box)
     first = session.rng.random((nests, space.box.dimension))
     if space.redraw is not None:
@@ -49,6 +50,7 @@ def evolution(session: Session) -> Estimate:
     box, search = session.problem.box, session.plan.case.search
     session.probe(box.from_cube(np.full(box.dimension, 0.5)))
     session.account.enter("search")
+    session.account.expect(usual_simulations(session.plan))
     first = session.rng.random((search.nests or POPULATION * box.dimension, box.dimension))
     optimiser = DifferentialEvolution(first, rng=session.rng)
     return finish(session, session.search(optimiser, Space.full(box), search.iterations or EVOLUTIONS), None)

@@ -14,6 +14,12 @@ from typing import TextIO
 REDRAW = 0.1  # s, between two drawings of the live line
 REPEAT = 1.0  # s, after which it is drawn again with the time that has passed, where nothing else happens
 FALLBACK_WIDTH = 80  # columns, when the terminal does not say
+DOING = {  # what phases do whose name does not say it; short, as 80 columns hold a line
+    "nuisances": "bench effects",
+    "rivals": "alternatives",
+    "profile": "cost profiles",
+    "budget": "uncertainty",
+}
 
 
 @dataclass(frozen=True)
@@ -27,7 +33,7 @@ class Progress:
     simulations : int
         FMU runs started so far, all phases together.
     expected : int or None
-        Runs expected in all, if that is known.
+        Runs started when the phase ends, all phases together, if that is known: at most so many of a search.
     best_cost : float or None
         Cost of the best candidate so far.
     parameters : name → float, or None
@@ -45,17 +51,20 @@ def progress_line(event: Progress, *, seconds: float) -> str:
     """Return one line of text about an event, `seconds` after the start.
 
     >>> progress_line(Progress("search", 1200, 4000, 0.0125, {"R": 3.1}), seconds=3.0)
-    'search  1200 of 4000 simulations  400/s  7 s left  cost 0.0125  R 3.1'
-    >>> progress_line(Progress("rivals", 1200), seconds=30.0)
-    'rivals  1200 simulations  40/s  30 s so far, time left not known'
+    'search  1200 of 4000 simulations  400/s  search ends in 7 s  cost 0.0125  R 3.1'
+    >>> progress_line(Progress("nuisances", 1200), seconds=30.0)
+    'bench effects  1200 simulations  40/s  30 s so far, time left not known'
     """
     known_end = event.expected is not None and event.expected >= event.simulations
-    parts = [event.phase, f"{event.simulations}{f' of {event.expected}' if known_end else ''} simulations"]
+    parts = [
+        DOING.get(event.phase, event.phase),
+        f"{event.simulations}{f' of {event.expected}' if known_end else ''} simulations",
+    ]
     rate = event.simulations / seconds if seconds > 0.5 else 0.0
     if rate > 0:
         parts.append(f"{rate:.0f}/s" if rate >= 10 else f"{rate:.1f}/s")
     if rate > 0 and known_end and event.expected is not None:
-        parts.append(f"{_duration((event.expected - event.simulations) / rate)} left")
+        parts.append(f"{event.phase} ends in {_duration((event.expected - event.simulations) / rate)}")
     else:
         parts.append(f"{f'{_duration(seconds)} so far, ' if seconds >= 1 else ''}time left not known")
     if event.best_cost is not None and math.isfinite(event.best_cost):

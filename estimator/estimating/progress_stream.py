@@ -18,7 +18,7 @@ INTERVAL = 0.1  # s, between two lines of one phase
 
 
 class ProgressStream:
-    """Writes an object a line: the phase, simulations done and expected, seconds, the best candidate and its cost.
+    """Writes an object a line: phase, simulations done and at its end, seconds, the best candidate and its cost.
 
     Use in a ``with`` statement. Whoever reads may go away: then nothing more is written, and the estimation goes on.
 
@@ -73,9 +73,9 @@ class ProgressStream:
 
 
 def progress_mapping(event: Progress, *, seconds: float) -> dict[str, Any]:
-    """Return an event, `seconds` after the start, as plain data; "seconds_left" is None where the end is not known.
+    """Return an event, `seconds` after the start, as plain data; "seconds_left", of the phase, is None where not known.
 
-    >>> progress_mapping(Progress("polish", 300, 400), seconds=3.0)["seconds_left"]
+    >>> progress_mapping(Progress("search", 300, 400), seconds=3.0)["seconds_left"]
     1.0
     """
     plain = {f.name: getattr(event, f.name) for f in dataclasses.fields(event)}

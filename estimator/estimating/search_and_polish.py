@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from estimator.cases.starts import values_of
 from estimator.conventions import MISFIT, NUMERICAL
 from estimator.estimating.cuckoo import CuckooSearch
-from estimator.estimating.effort import POLISHING, nests_and_generations
+from estimator.estimating.effort import nests_and_generations
 from estimator.estimating.ending import finish
 from estimator.estimating.multistart import many_starts, needs_many
 from estimator.estimating.optimiser import Optimiser
@@ -180,7 +180,7 @@ class _Attempts:
         near = max(1, nests // 5)
         first[1 : 1 + near] = np.clip(home + 0.05 * rng.standard_normal((near, d)), 0.0, 1.0)
         optimiser = self._search(first, rng=rng)
-        self.session.account.expect(nests * (1 + optimiser.asks * generations) + POLISHING)
+        self.session.account.expect(nests * (1 + optimiser.asks * generations))
         return self.session.search(optimiser, space, generations, enough=enough)
 
     def _polished(self, start: FloatArray) -> LeastSquaresFit:

@@ -105,9 +105,9 @@ export class RunPage {
         run.state === "done" ? el("a", { class: "button main", href: `#results/${encodeURIComponent(run.name)}`, id: "to-result" }, "Look at the result") : null,
         run.state === "stopped" && Object.keys(best).length ? el("button", { type: "button", class: "main", id: "keep", onclick: () => this.keep(best) }, "Begin the next run there") : null),
       run.message ? el("p", { class: run.state === "failed" ? "say error" : "muted", role: "status" }, run.message) : null,
-      over ? null : el("progress", { "aria-label": "How far the run is", max: "1", value: share ?? undefined }),
+      over ? null : el("progress", { "aria-label": p.expected ? `How far the ${p.phase} is` : "How far the run is", max: "1", value: share ?? undefined }),
       el("div", { class: "facts" },
-        fact("time", duration(run.seconds)), over ? null : fact("left", p.phase === "profile" ? "the report" : p.seconds_left === null || p.seconds_left === undefined ? "not known yet" : duration(p.seconds_left)),
+        fact("time", duration(run.seconds)), over ? null : fact(p.expected ? `left of the ${p.phase}` : "left", p.phase === "profile" ? "the report" : p.seconds_left === null || p.seconds_left === undefined ? "not known yet" : duration(p.seconds_left)),
         fact("simulations", p.simulations ? count(p.simulations) + (share !== null && !over ? ` of ${count(p.expected)}` : "") : "–"), fact("cost", show(p.best_cost, 4))),
       Object.keys(best).length ? el("div", { class: "facts", id: "best" }, Object.entries(best).map(([name, v]) => fact(name, `${show(v, 5)} ${this.unit(name)}`))) : null);
     this.converge(run.history);
@@ -163,4 +163,4 @@ export class RunPage {
 }
 
 const fact = (name, text) => el("div", {}, el("span", {}, name), el("b", {}, text));
-const phase = (name) => ({ probe: "the FMU is probed", nuisances: "delays and offsets are looked for", profile: "profiles, then the report" }[name] ?? name ?? "it begins");
+const phase = (name) => ({ probe: "the FMU is probed", nuisances: "effects of the bench are looked for", profile: "profiles, then the report" }[name] ?? name ?? "it begins");
