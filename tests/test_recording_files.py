@@ -165,13 +165,24 @@ MAT_COMPLAINTS = {
         {"v": V[1:], "w": W},
         "run3.mat holds no time with signals of its length (v of 59, w of 60); save the vectors",
     ),
-    "time back": ({**VECTORS, "t": TIME[::-1].copy()}, "run3.mat: the time of 'v' does not increase; each sample"),
+    "time back": (
+        {**VECTORS, "t": TIME[::-1].copy()},
+        "run3.mat sample 2: time does not increase (0.058 s after 0.059 s); each row",
+    ),
 }
 
 
 def test_a_speed_that_was_differenced_beside_its_angle_is_left_out(tmp_path: Path) -> None:
     as_v5(tmp_path / "run3.mat", {**VECTORS, "w": W[1:], "angle": np.cumsum(W) * 1e-3})
     assert set(motor_columns(read_recording(tmp_path / "run3.mat"), required=("v", "i"))) == {"v", "i", "angle"}
+
+
+def test_a_row_of_zeros_that_fills_the_vectors_is_left_out(tmp_path: Path) -> None:
+    long = {"t": np.arange(20 * N) * 1e-3, **{name: np.tile(x, 20) for name, x in VECTORS.items() if name != "t"}}
+    as_v5(tmp_path / "run3.mat", {name: np.append(x, 0.0) for name, x in long.items()})
+    recording = read_recording(tmp_path / "run3.mat")
+    np.testing.assert_array_equal(recording.signals["w"], long["w"])
+    assert recording.not_read == ("the last row is left out: its time is off the clock of all others",)
 
 
 @pytest.mark.parametrize("clock", ["time_w", "w_time", "tw", "t2"])

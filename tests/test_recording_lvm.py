@@ -88,7 +88,7 @@ def test_what_is_wrong_with_one_is_told_in_a_sentence(write):
         (good + segment("One", rows, names=("u", "i")), "run.lvm holds segments of different channels; save each as"),
         (good.replace("1.500000", "OVER"), "run.lvm line 24: Motor Current is not a number ('OVER'); leave the cell"),
         (segment("No", rows).replace("0.002000", "?"), "run.lvm holds no channel with samples and a clock"),
-        (segment("One", [(0.0, 1.0, 2.0)] * N), "run.lvm: the time of 'Motor Voltage [Volts]' does not increase"),
+        (segment("One", [(0.0, 1.0, 2.0)] * N), "run.lvm sample 1: time does not increase (0 s after 0 s); each row"),
     ):
         with pytest.raises(RecordingError) as caught:
             read_recording(write("One", text))

@@ -38,13 +38,16 @@ class Columns:
 
 
 def on_one_clock(path: Path, signals: Sequence[Signal]) -> Columns:
-    """Return signals on the union of their clocks.
+    """Return signals on the union of their clocks; those of one clock as they are, whatever its times.
 
     Raises
     ------
     RecordingError
-        A signal's time does not increase, or is no number.
+        Of several clocks one does not increase, or is no number.
     """
+    if signals and all(np.array_equal(signal.time, signals[0].time, equal_nan=True) for signal in signals):
+        headers = ("time [s]", *(signal.header for signal in signals))
+        return Columns(headers, (signals[0].time, *(signal.values for signal in signals)))
     clocks: list[FloatArray] = []
     for signal in signals:
         if not np.isfinite(signal.time).all() or (np.diff(signal.time) <= 0).any():
@@ -54,7 +57,7 @@ def on_one_clock(path: Path, signals: Sequence[Signal]) -> Columns:
             )
         if not any(np.array_equal(signal.time, clock) for clock in clocks):
             clocks.append(signal.time)
-    common = clocks[0] if len(clocks) == 1 else _union(clocks)
+    common = _union(clocks)
     columns = [common]
     for signal in signals:
         column = np.full(len(common), np.nan)
