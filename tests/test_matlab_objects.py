@@ -201,6 +201,28 @@ def test_an_object_that_mat_io_cannot_read_is_told(tmp_path):
         read_recording(tmp_path / "run3.mat")
 
 
+def test_a_response_in_objects_is_read_beside_a_stimulus_in_vectors(tmp_path):
+    content = {"t": T[:, None], "u": VOLTAGE[:, None], "w": time_series("speed", SPEED, "rad/s")}
+    recording = read_recording(saved(tmp_path / "run3.mat", content, "v7.3"))
+    assert motor_columns(recording, required=("v", "w")) == {"v": "u", "w": "speed"}
+    assert recording.signals["speed"] == pytest.approx(SPEED)
+
+
+def test_vectors_beside_an_object_that_is_no_signal_are_read(tmp_path):
+    content = {"t": T[:, None], "u": VOLTAGE[:, None], "G": made("idtf", Name=np.array(["plant"]))}
+    assert set(read_recording(saved(tmp_path / "run3.mat", content, "v7.3")).signals) == {"u"}
+
+
+@pytest.mark.parametrize("key", ["signal", "values", "Data"])
+def test_structures_of_a_time_and_a_signal_are_read_by_their_names(key, tmp_path):
+    from scipy.io import savemat
+
+    savemat(tmp_path / "run3.mat", {"run": {"voltage": {"time": T, key: VOLTAGE}, "speed": {"time": T, key: SPEED}}})
+    recording = read_recording(tmp_path / "run3.mat")
+    assert recording.signals["voltage"] == pytest.approx(VOLTAGE)
+    assert recording.signals["speed"] == pytest.approx(SPEED)
+
+
 def test_vectors_without_a_time_are_read_at_a_rate(tmp_path):
     from scipy.io import savemat
 

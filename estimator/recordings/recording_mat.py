@@ -4,7 +4,7 @@ What is found, in this order:
 
     structure with time         out.time and out.signals(k).values, .label or .blockName, as Simulink logs them
     dSPACE's recorder           X.Data, and Y(k).Name, Y(k).Data
-    signals with own clocks     i.Time and i.Data (a time series as a structure), or i = [time, value]
+    signals with own clocks     i.Time and i.Data (a time series as a structure; .values, .signal), or i = [time, value]
     vectors                     t, v, i, w of one length, or each beside a time of its own (tv, time_v, v_time)
     a matrix and its names      data (n × m) beside m names, and m units where they are given
     objects                     timeseries, Simulink's Dataset, timetable, iddata (matlab_objects.py)
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -34,6 +35,7 @@ _PORT = re.compile(r"(Out|In|Value)?\d*")  # of a block, the last part of a path
 _CLOCK_OF = re.compile(r"(?:time|t)_?(\w+)|(\w+)_(?:time|t)", re.I)  # the time of one signal
 MIN_ROWS = 3
 SIGNALS = ("v", "i", "w")
+RESPONSE = ("i", "w", "angle")
 MOVING = (("v",), ("i",), ("w", "angle"))  # what a motor's recording has, one or the other
 
 
@@ -58,6 +60,8 @@ def read_mat(path: Path, head: bytes) -> Columns:
         for group in groups:
             signals = reading(group)
             if signals:
+                if objects and not _has_response(signals):  # logged beside its stimulus
+                    signals = _with_objects(path, objects, signals)
                 lengths = {len(signal.time) for signal in signals}
                 return replace(on_one_clock(path, signals), not_read=_not_as_long(group, lengths))
     if objects:
@@ -82,6 +86,23 @@ def _objects(path: Path, objects: str) -> list[Signal]:
         raise RecordingError(
             f"{path.name} holds {objects}, which needs mat-io; {to_install('mat')}, or {REMEDY}"
         ) from None
+
+
+def _has_response(signals: list[Signal]) -> bool:
+    """Whether one of the signals is what a motor answers with: a current, a speed, an angle."""
+    names = [parse_header(signal.header).name for signal in signals]
+    return any(rank_in_role(name, role) is not None for name in names for role in RESPONSE)
+
+
+def _with_objects(path: Path, objects: str, signals: list[Signal]) -> list[Signal]:
+    """Return signals with those of the file's objects, if these hold what a motor answers with."""
+    found: list[Signal] = []
+    with suppress(RecordingError):  # what the user calls a response may be among the signals
+        found = _objects(path, objects)
+    if not _has_response(found):
+        return signals
+    names = [signal.header for signal in signals]
+    return [*signals, *(signal for signal in found if signal.header not in names)]
 
 
 def _scipy(path: Path) -> tuple[dict[str, Any], str]:
@@ -209,7 +230,17 @@ def _own_clocks(group: Mapping[str, Any]) -> list[Signal]:
     for name, value in group.items():
         if isinstance(value, Mapping):
             lower = {key.lower(): item for key, item in value.items()}
-            time, data = _vector(lower.get("time")), _vector(lower.get("data", lower.get("values")))
+            time, data = (
+                _vector(lower.get("time")),
+                next(
+                    (
+                        data
+                        for key in ("data", "values", "signal", "value")
+                        if (data := _vector(lower.get(key))) is not None
+                    ),
+                    None,
+                ),
+            )
             info = lower.get("datainfo")
             unit = _text(info.get("Units", info.get("units"))) if isinstance(info, Mapping) else ""
             unit = unit or _text(lower.get("unit", lower.get("units")))
