@@ -151,8 +151,11 @@ def test_an_encrypted_archive_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("data", "sentence"),
     [
-        (b"", "bad.fmu is no zip archive, so it is no FMU"),
-        (b"PK\x03\x04 and no more", "bad.fmu is no zip archive, so it is no FMU"),
+        (b"", "bad.fmu is no zip archive, so it is no FMU; give an .fmu file, or export it again"),
+        (
+            b"PK\x03\x04 and no more",
+            "bad.fmu is no zip archive, so it is no FMU; give an .fmu file, or export it again",
+        ),
         (None, "bad.fmu has no modelDescription.xml, so it is no FMU"),
     ],
 )

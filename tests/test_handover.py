@@ -295,10 +295,14 @@ def test_a_doubtful_result_is_exported_with_a_warning(folder, capsys):
     [
         (None, "No such file or directory; give the folder or the result.json of estimate -o"),
         (b"\xff\xfe", "is no text; give the folder or the result.json of estimate -o"),
-        (b"{}", "is no result of an estimate (KeyError: 'verdict'); give the result.json that estimate -o wrote"),
-        (b"[]", "is no result of an estimate"),
-        (b"[" * 100_000, "is no result of an estimate (RecursionError"),
-        (to_json(estimate()).replace('"ok"', '"fine"', 1).encode(), "(ValueError: no such verdict: 'fine')"),
+        (b"{}", "is no result of an estimate: it lacks 'verdict'; give the result.json that estimate -o wrote"),
+        (b"[]", "is no result of an estimate: its content is another; give"),
+        (b"time,v\n", "is no result of an estimate: it is no JSON; give"),
+        (b"[" * 100_000, "is no result of an estimate: it is no JSON; give"),
+        (
+            to_json(estimate()).replace('"ok"', '"fine"', 1).encode(),
+            "is no result of an estimate: no such verdict: 'fine'; give",
+        ),
         (to_json(estimate()).replace('"recordings": [', '"recordings": [5', 1).encode(), "is no result of an"),
         (to_json(estimate(verdict="refused", reasons=("no step",))).encode(), "nothing to export: no step"),
         (to_json(with_parameter(estimate(), "R", value=float("nan"))).encode(), "R has no value"),

@@ -274,7 +274,7 @@ def test_several_levels_up_to_exactly_one_volt_are_doubted_sooner_than_a_step_of
     assert found(time, fast) == (), "a step of a volt"
     v = fast["v"] * np.repeat([0.25, 0.5, 0.75, 1.0, 0.5], len(time) // 5)[: len(time)]
     (named,) = [f for f in found(time, {**fast, "v": v}) if f.kind == "unit v"]
-    assert "in 1 (a part of the supply)" in named.sentence
+    assert "it looks like a duty cycle, in parts of the supply (0 to 1); give" in named.sentence
     assert not [f for f in found(time, {**fast, "v": v, "w": 0.5 * fast["w"]}) if f.kind == "unit v"]
 
 

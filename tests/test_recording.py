@@ -548,6 +548,14 @@ def test_of_a_file_that_is_not_there_the_nearest_beside_it_is_named(tmp_path: Pa
         read_recording(tmp_path / name)
 
 
+def test_of_a_file_that_is_not_there_none_is_named_that_only_ends_alike(tmp_path: Path) -> None:
+    (tmp_path / "neg.csv").write_text("")
+    with pytest.raises(
+        RecordingError, match=r"^there is no recording .*missing\.csv; give the path of a text file \(CSV\)$"
+    ):
+        read_recording(tmp_path / "missing.csv")
+
+
 def test_a_folder_is_said(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r" is a folder; give one of its files$"):
         read_recording(tmp_path)

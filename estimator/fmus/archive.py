@@ -22,7 +22,7 @@ ENCODINGS = ("utf-8", "utf8", "utf-16", "us-ascii", "ascii", "iso-8859", "latin"
 def check_archive(path: Path) -> None:
     """Raise FmuError unless the archive can be extracted without harm, and has a model description."""
     if not zipfile.is_zipfile(path):
-        raise FmuError(f"{path.name} is no zip archive, so it is no FMU")
+        raise FmuError(f"{path.name} is no zip archive, so it is no FMU; give an .fmu file, or export it again")
     try:
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()

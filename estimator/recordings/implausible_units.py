@@ -108,7 +108,7 @@ def voltage_unit(m: MeasuredSignals) -> Finding | None:
     counted = is_full and largest >= 100.0  # whoever calls it volts: a bench's end nowhere else so exactly
     if part or counted or (assumed and (largest > NO_VOLTAGE or (duty is not None and duty >= 100.0))):
         full = 1.0 if part else next((f for f in DUTY[1:] if largest <= f), DUTY[-1])
-        unit = {1.0: "1 (a part of the supply)", 100.0: "percent"}.get(full, f"counts of {full:g}")
+        unit = {1.0: "parts of the supply (0 to 1)", 100.0: "percent"}.get(full, f"counts of {full:g}")
         way = "VOLTS" if full == 1 else f"VOLTS/{full:g}"
         remedy = f"give the supply's volts as a factor, --scale v={way}, or --unit v=V if they are volts"
         if largest >= LEAST_MILLIVOLTS and largest not in DUTY:

@@ -54,6 +54,7 @@ def _meant(path: Path) -> str:
     with suppress(OSError):
         beside = sorted(p.name for p in path.parent.iterdir() if p.suffix.lower() in SUFFIXES)
         same = [name for name in beside if Path(name).stem == path.name]
-        for near in same or get_close_matches(path.name, beside, n=1):
+        stems = {Path(name).stem.lower(): name for name in beside}  # the ends of names are alike anyway
+        for near in same or (stems[stem] for stem in get_close_matches(path.stem.lower(), stems, n=1)):
             return f"; did you mean {near}?"
     return ""

@@ -70,9 +70,14 @@ def estimate_from_json(text: str, *, source: str = "result.json") -> Estimate:
             **_numbers(data),
         )
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        if isinstance(error, json.JSONDecodeError | RecursionError):
+            why = "it is no JSON"
+        elif isinstance(error, KeyError):
+            why = f"it lacks {error}"
+        else:
+            why = str(error) if isinstance(error, ValueError) else "its content is another"
         raise InputError(
-            f"{source} is no result of an estimate ({type(error).__name__}: {error}); give the result.json that"
-            " estimate -o wrote"
+            f"{source} is no result of an estimate: {why}; give the result.json that estimate -o wrote"
         ) from error
 
 
