@@ -99,6 +99,12 @@ def test_the_map_of_the_folders_says_what_each_says_of_itself_from_the_top_down(
         assert not arrows_between_rooms()[room] & set(below[:k]), f"{room} stands below a folder that it imports"
 
 
+def test_the_map_names_each_module_of_the_engine():
+    page = (ROOT / "docs" / "structure.md").read_text(encoding="utf-8")
+    paths = [path for room in ("noise", "fitting", "explaining") for path in (PACKAGE / room).glob("[a-z]*.py")]
+    assert len(paths) > 50 and [path.name for path in paths if f"{path.name}`" not in page] == []
+
+
 @pytest.mark.parametrize("room", ROOMS)
 def test_a_folder_holds_its_modules_and_no_second_door_to_them(room):
     (only,) = ast.parse((PACKAGE / room / "__init__.py").read_text(encoding="utf-8")).body
