@@ -137,6 +137,16 @@ def test_what_could_not_be_guessed_is_marked(folder, capsys):
     assert "# Columns of the recording that are not used: channel 1" in text
 
 
+def test_bounds_of_parameters_that_need_not_be_estimated_are_nothing_to_fill_in(folder, capsys):
+    kind = 'causality="parameter" variability="fixed"'
+    offset = f'<ScalarVariable name="offset" valueReference="0" {kind}><Real start="0"/></ScalarVariable>'
+    fmu = foreign_fmu(folder / "offset", change=[("</ModelVariables>", f"{offset}</ModelVariables>")])
+    path = folder / "offset.case.toml"
+    assert main(["init", str(fmu), str(folder / "step.csv"), "-o", str(path)]) == 0
+    assert capsys.readouterr().out == f"{path}\n"
+    assert "# offset = { start = 0.0 }  # give min and max" in path.read_text()
+
+
 def test_the_word_of_the_mark_in_a_description_is_nothing_to_fill_in(folder, capsys):
     fmu = foreign_fmu(folder / "remarked", change=[('name="motor.La"', 'name="motor.La" description="TODO: measure"')])
     assert main(["init", str(fmu), str(folder / "step.csv"), "-o", str(folder / "remarked.case.toml")]) == 0

@@ -187,12 +187,18 @@ def _parameters(
     elif rest:
         rows.append("# Other parameters keep their start values; take away the # to estimate one:")
     if rest:
-        rows += [f"# {to_key(v.name)} = {_parameter(v.name, (v.name,), v)}  # {_told(v)}" for v in rest[:SHOWN]]
+        others = [(v, _parameter(v.name, (v.name,), v, mark="#")) for v in rest[:SHOWN]]
+        rows += [f"# {to_key(v.name)} = {text}  # {_told(v)}" for v, text in others]
     return rows
 
 
-def _parameter(name: str, targets: tuple[str, ...], variable: Variable, told: Range | None = None) -> str:
-    """Return a parameter within the FMU's limits and what the recording tells of it, or else around its own start."""
+def _parameter(
+    name: str, targets: tuple[str, ...], variable: Variable, told: Range | None = None, *, mark: str = f"{MARK}:"
+) -> str:
+    """Return a parameter within the FMU's limits and what the recording tells of it, or else around its own start.
+
+    Bounds that are not known are marked.
+    """
     start = variable.start if isinstance(variable.start, float) else variable.nominal
     low, high = variable.minimum, variable.maximum
     least, begin, largest = told if told is not None else (0.0, 0.0, 0.0)
@@ -216,7 +222,7 @@ def _parameter(name: str, targets: tuple[str, ...], variable: Variable, told: Ra
         fmu=targets,
     )
     text = to_toml(PARAMETER.write(spec))
-    return text if low is not None and high is not None else f"{text}  {MARK}: give min and max"
+    return text if low is not None and high is not None else f"{text}  {mark} give min and max"
 
 
 def _fixed(roles: dict[str, tuple[str, ...]], driven: set[str], variables: dict[str, Variable]) -> list[str]:
