@@ -5,6 +5,7 @@ import gzip
 import json
 import lzma
 import shutil
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -766,6 +767,11 @@ class TestMessagesOfRos:
         told = sentence(self.save(tmp_path, lambda k, s, ns: "data: stop\n"))
         assert told == "motor.yaml holds messages of ROS without numbers; record a topic that has the signals"
 
+    def test_messages_without_a_stamp_are_rows_without_a_time(self, tmp_path: Path) -> None:
+        path = self.save(tmp_path, lambda k, s, ns: f"data: {float(W[k])}\n")
+        assert sentence(path).startswith("motor.yaml: there is no time column (data); one column should be called time")
+        np.testing.assert_array_equal(read_recording(path, ReadAs(rate=200)).signals["data"], W)
+
 
 class TestSignalsInLines:
     """A table whose lines are signals."""
@@ -788,6 +794,22 @@ class TestSignalsInLines:
         recording = read_recording(path)
         np.testing.assert_allclose(recording.time, TIME, atol=1e-12)
         np.testing.assert_allclose(recording.signals["speed"], W, atol=1e-7)
+        np.testing.assert_array_equal(recording.signals["voltage"], V)
+
+    @pytest.mark.parametrize("between", [" ", ", ", ",\n  "])
+    @pytest.mark.parametrize("end", ["]\n", "];\n"])
+    def test_a_list_is_read_however_it_is_written(self, between: str, end: str, tmp_path: Path) -> None:
+        path = tmp_path / "log.m"
+        pairs = (("time", TIME), ("voltage", V), ("speed", W))
+        path.write_text("".join(f"{name} = [{between.join(map(str, x.tolist()))}{end}" for name, x in pairs))
+        np.testing.assert_array_equal(read_recording(path).signals["speed"], W)
+
+    def test_lists_of_yaml_with_an_item_in_each_line_are_read(self, tmp_path: Path) -> None:
+        path = tmp_path / "log.yaml"
+        pairs = (("time", TIME), ("voltage", V), ("speed", W))
+        path.write_text("".join(f"{name}:\n" + "".join(f"- {x}\n" for x in signal) for name, signal in pairs))
+        recording = read_recording(path)
+        np.testing.assert_array_equal(recording.signals["speed"], W)
         np.testing.assert_array_equal(recording.signals["voltage"], V)
 
     def test_a_line_that_is_shorter_is_named(self, tmp_path: Path) -> None:
@@ -832,3 +854,10 @@ class TestPages:
         path = tmp_path / "log.html"
         path.write_text("<html><body>404</body></html>")
         assert sentence(path).startswith("log.html holds no table of samples; it should begin with a header such as")
+
+
+def test_a_spreadsheet_of_opendocument_is_told_to_be_one(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "log.ods", "w") as archive:
+        archive.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
+        archive.writestr("content.xml", "<x/>")
+    assert sentence(tmp_path / "log.ods") == "log.ods is an OpenDocument file; save it as .xlsx or as CSV"

@@ -61,7 +61,7 @@ def read_messages(path: Path, head: bytes) -> Columns:
         values = [message.get(way, "") for message in messages]
         if (clock is None or way[:-1] != clock) and any(map(is_number, values)):
             columns[_header(way, messages[0], often)] = [float(x) if is_number(x) else np.nan for x in values]
-    if len(columns) < 2:
+    if columns.keys() <= {"time [s]"}:
         raise RecordingError(f"{path.name} holds messages of ROS without numbers; record a topic that has the signals")
     table = named_columns(path.name, columns, {})
     return Columns(table.headers, table.columns, table.texts, not_read)

@@ -35,6 +35,8 @@ def read_text(path: Path) -> tuple[str, str]:
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         encodings = ("utf-16",)
     elif len(data := data.rstrip(b"\0")) != len(data.translate(None, _CONTROL)):
+        if b"application/vnd.oasis.opendocument" in data[:_HEAD]:
+            raise RecordingError(f"{path.name} is an OpenDocument file; save it as .xlsx or as CSV")
         if data.startswith(_COMPRESSED):
             raise RecordingError(f"{path.name} is compressed; unpack it, and give the file that was in it")
         raise RecordingError(f"{path.name} is not a text file; export the recording as CSV")
