@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from driven_motor import DrivenMotor
 from dry_friction import DryMotor
 from motors import CML050, held_response, recording_of
 
@@ -121,3 +122,41 @@ def test_of_a_model_that_is_driven_by_something_else_no_coast_is_asked():
     o = SimpleNamespace(inputs={"u": rows}, outputs={"i": rows, "w": rows + 1.0}, is_underway=False, recording=None)
     o.recording = SimpleNamespace(name="plant")
     assert StartingMotion().at_first_sight(SimpleNamespace(observed=[o])) == {}
+
+
+COUNT = 2 * np.pi / 10000  # rad
+
+
+def differenced(x):
+    """Return current and speed, (n - 1, 2), of states, (n, 3): of an encoder's counts, differenced from row to row."""
+    return np.column_stack([x[1:, 0], np.diff(np.floor(x[:, 2] / COUNT + 0.3)) * COUNT / STEP])
+
+
+def of_coast_and_sine(*, coasts=1.0):
+    """Return a recording that ends with an open circuit, and one that begins within a sine."""
+    found = []
+    steps = np.repeat([0.0, 10.5, 0.0], [100, 600, 500])
+    sine = 6 + 4 * np.sin(2 * np.pi * 1.3 * STEP * np.arange(1500))
+    for name, voltage, first in (("coast", steps, 1), ("sine", sine, 400)):
+        motor = DrivenMotor({**CML050.parameters, "coasts": coasts})
+        x = np.vstack([np.zeros(3), motor.response(voltage, np.zeros(len(voltage)), step=STEP)[:-1, :3]])
+        shown = differenced(x)[first - 1 :]
+        times = STEP * np.arange(len(shown))
+        found.append(recording_of(name, times, voltage[first:], shown, noise=(0.02, 0.0), seed=first))
+    return found
+
+
+def test_a_motor_that_runs_in_the_first_row_is_told_to_beside_one_that_coasts(case_of):
+    """The open circuit of one recording forbade any motion before the voltage of the others: all were refused."""
+    (found,) = estimate_recordings([case_of("cuckoo")], [of_coast_and_sine()])
+    assert found.verdict == "ok" and worst(found, CML050.parameters) < 4.5, (found.reasons, found.parameters)
+    assert {"coasting", "motion before the voltage"} <= set(found.effects)
+    assert found.chain["motion before the voltage sine#1"].standard_error > 0
+
+
+def test_counts_over_the_interval_before_the_first_row_are_not_compared(case_of):
+    """They were held against none of a motor at rest: an outlier of the whole speed, or rows lost at the beginning."""
+    (found,) = estimate_recordings([case_of("cuckoo")], [of_coast_and_sine()[1:]])
+    assert found.verdict == "ok" and worst(found, CML050.parameters) < 4.5, (found.reasons, found.parameters)
+    assert set(found.effects) == {"motion before the voltage"}
+    assert not any("outlier" in note for note in found.notes), found.notes

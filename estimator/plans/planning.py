@@ -185,8 +185,18 @@ def _sensors(binding: Binding, observed: tuple[Observed, ...]) -> tuple[dict[str
             if counts > 0:
                 observed = tuple(_counted(o, counts) for o in observed)
         sensors[name] = layout.MEAN if counts > 0 or spec.sensor == "mean" else layout.IDENTITY
+        if sensors[name] == layout.MEAN:
+            observed = tuple(_from_first_interval(o, name) for o in observed)
         binding.read(name, sensors[name])
     return sensors, observed
+
+
+def _from_first_interval(o: Observed, name: str) -> Observed:
+    """Return a recording without the mean over the interval before its first row, where the motor moved in that."""
+    y = o.outputs[name]
+    if o.before or not y[0]:  # it is simulated; it stood
+        return o
+    return replace(o, outputs={**o.outputs, name: np.concatenate([[np.nan], y[1:]])})
 
 
 def _counts_of(observed: tuple[Observed, ...]) -> float:

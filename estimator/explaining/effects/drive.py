@@ -238,9 +238,10 @@ class Coasting(Drive):
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return the switch, where the voltage returns to zero or the motor is seen to coast.
 
-        It is one of each recording where some are seen to coast and others return to no voltage and are not.
+        It is one of each recording where some are seen to coast and others return to no voltage and are not, or begin
+        within a response and are never without voltage: their current in the first row would be none.
         """
-        where = self._recordings(plan)
+        where = coasting_switches(plan)
         return [
             Nuisance(
                 name, "", 0.0, 1.0, 0.0, 1.0, target=self.target, recording=e, tries=(1.0,), whole=True,
@@ -251,7 +252,7 @@ class Coasting(Drive):
 
     def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
         """Return the switch where the current is zero at no voltage while the motor turns."""
-        return {name: 1.0 for name, _, is_seen in self._recordings(plan) if is_seen}
+        return {name: 1.0 for name, _, is_seen in coasting_switches(plan) if is_seen}
 
     def mirrored(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
         """Return a drive that lets no current flow back, in its place."""
@@ -262,20 +263,22 @@ class Coasting(Drive):
         of = name.removeprefix(self.target).strip()
         return f"{of}: {self.sentence}" if of else self.sentence
 
-    def _recordings(self, plan: Plan) -> list[tuple[str, int | None, bool]]:
-        """Return each switch: its name, its recording, None for all, and whether the motor is seen to coast there."""
-        seen = [coasts_in(o, np.ones(len(o.recording.time), dtype=bool)) for o in plan.observed]
-        back = [self._returns(o) for o in plan.observed]
-        if any(seen) and any(b and not s for b, s in zip(back, seen, strict=True)):
-            names = per_recording(plan, self.target)
-            return [(names[e], e, s) for e, s in enumerate(seen) if s or back[e]]
-        return [(self.target, None, any(seen))] if any(seen) or any(back) else []
 
-    @staticmethod
-    def _returns(o: Observed) -> bool:
-        """Whether the voltage of a recording returns to zero."""
-        v = o.inputs.get("v")
-        return v is not None and bool(np.any((v[1:] == 0) & (v[:-1] != 0)))
+def coasting_switches(plan: Plan) -> list[tuple[str, int | None, bool]]:
+    """Return each switch of `Coasting`: name, recording, None for all, and whether the motor is seen to coast there."""
+    seen = [coasts_in(o, np.ones(len(o.recording.time), dtype=bool)) for o in plan.observed]
+    back = [_returns(o) for o in plan.observed]
+    underway = [o.is_underway and not np.any(o.inputs.get("v", np.zeros(1)) == 0) for o in plan.observed]
+    if any(seen) and (any(underway) or any(b and not s for b, s in zip(back, seen, strict=True))):
+        names = per_recording(plan, COASTS)
+        return [(names[e], e, s) for e, s in enumerate(seen) if s or back[e]]
+    return [(COASTS, None, any(seen))] if any(seen) or any(back) else []
+
+
+def _returns(o: Observed) -> bool:
+    """Whether the voltage of a recording returns to zero."""
+    v = o.inputs.get("v")
+    return v is not None and bool(np.any((v[1:] == 0) & (v[:-1] != 0)))
 
 
 def coasts_in(o: Observed, rows: NDArray[np.bool_]) -> bool:

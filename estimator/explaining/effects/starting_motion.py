@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.explaining.effects.base import Effect
-from estimator.explaining.effects.drive import coasts_in
+from estimator.explaining.effects.drive import coasting_switches, coasts_in
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.motor_response import COASTS, free_motion, motor_values, opens_circuit
+from estimator.fitting.motor_response import free_motion, motor_values, opens_circuit
 from estimator.fitting.simulator import Nuisance, per_recording
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.samples import filled
@@ -78,19 +78,21 @@ class StartingMotion(Effect):
             return ()
         largest = {y: plan.largest(y) for y in UNITS}
         found: list[Nuisance] = []
+        switches = coasting_switches(plan)
         for e, (o, name) in enumerate(zip(plan.observed, per_recording(plan, self.name), strict=True)):
+            own = tuple(switch for switch, recording, _ in switches if recording in (None, e))
             names, opens = {"w": name, "i": f"{name}#1"}, _coasts_first(o)
             if opens:  # no current flows
                 del names["i"]
             first = _first(o)
-            together = {own: first[y] for y, own in names.items() if y != "w"}
-            for y, own in names.items():
+            together = {start: first[y] for y, start in names.items() if y != "w"}
+            for y, start in names.items():
                 reach, is_tried = MOST * largest[y], y == "w" and first[y] != 0 and not (o.lead or o.at_rest)
                 found.append(
                     Nuisance(
-                        own, UNITS[y], -reach, reach, 0.0, SIZE * largest[y], target=y, recording=e,
+                        start, UNITS[y], -reach, reach, 0.0, SIZE * largest[y], target=y, recording=e,
                         tries=(first[y],) if is_tried else (), together=(together,),
-                        excludes=() if opens else (COASTS,),
+                        excludes=() if opens else own,
                     )
                 )  # fmt: skip
         return found
