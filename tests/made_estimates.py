@@ -83,7 +83,7 @@ def estimate(**changes: Any) -> Estimate:
         noise={"i": 0.02, "w": 1.0},
         correlation=correlation,
         correlated=tuple(MOTOR),
-        notes=("step_10V5: step from 0 to 10.5 at t = 0.5 s",),
+        notes=("step_10V5: step from 0 to 10.5 V at t = 0.5 s",),
         comparisons=(comparison(),),
         history=SearchHistory(np.arange(15.0, 195.0, 15.0), np.geomspace(10, 1e-3, 12), np.geomspace(100, 0.1, 12)),
         workers=2,

@@ -361,11 +361,12 @@ def _hidden(effects: Sequence[NotVisible]) -> list[str]:
 
 def _notes(plan: Plan, steady: Steady | None) -> tuple[str, ...]:
     notes = list(plan.notes)
+    unit = " V" if plan.binding.is_motor else ""
     for o in plan.observed:
         e, title = o.excitation, o.recording.title
         if e.kind == "step":
             notes.append(
-                f"{title}: step from {e.before:.4g} to {e.after:.4g} at t = {o.recording.time[e.index]:.6g} s"
+                f"{title}: step from {e.before:.4g} to {e.after:.4g}{unit} at t = {o.recording.time[e.index]:.6g} s"
                 + (", the motor already runs before it" if o.lead else "")
             )
         elif e.kind == "several":
