@@ -11,15 +11,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TextIO
 
+from estimator.results.result import PHASES
+
 REDRAW = 0.1  # s, between two drawings of the live line
 REPEAT = 1.0  # s, after which it is drawn again with the time that has passed, where nothing else happens
 FALLBACK_WIDTH = 80  # columns, when the terminal does not say
-DOING = {  # what phases do whose name does not say it; short, as 80 columns hold a line
-    "nuisances": "bench effects",
-    "rivals": "alternatives",
-    "profile": "cost profiles",
-    "budget": "uncertainty",
-}
 
 
 @dataclass(frozen=True)
@@ -57,7 +53,7 @@ def progress_line(event: Progress, *, seconds: float) -> str:
     """
     known_end = event.expected is not None and event.expected >= event.simulations
     parts = [
-        DOING.get(event.phase, event.phase),
+        PHASES.get(event.phase, event.phase),
         f"{event.simulations}{f' of {event.expected}' if known_end else ''} simulations",
     ]
     rate = event.simulations / seconds if seconds > 0.5 else 0.0

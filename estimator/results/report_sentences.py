@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from estimator.conventions import NUMERICAL
 from estimator.results.numbers import counted, finite_text, number_text
-from estimator.results.result import Estimate, OtherValues, Validation, Verdict
+from estimator.results.result import PHASES, Estimate, OtherValues, Validation, Verdict
 
 TITLES: Mapping[Verdict, str] = {"ok": "OK", "doubtful": "Doubtful", "refused": "Refused"}
 MEANINGS: Mapping[Verdict, str] = {
@@ -79,7 +79,8 @@ def about_line(estimate: Estimate) -> str:
 
 def cost_lines(estimate: Estimate) -> list[str]:
     """Return sentences about what the estimate cost and how it was made."""
-    phases = ", ".join(f"{count} {phase}" for phase, count in estimate.simulations_by_phase.items() if count)
+    by_phase = estimate.simulations_by_phase.items()
+    phases = ", ".join(f"{count} {PHASES.get(phase, phase)}" for phase, count in by_phase if count)
     fmu = str(estimate.fmu.get("name", "")) or "unknown FMU"
     kind, restart = estimate.fmu.get("kind"), estimate.fmu.get("restart")
     told = [f"FMI {version}"] if (version := estimate.fmu.get("fmi_version")) else []
