@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -271,11 +272,18 @@ class Simulator:
 
     def _simulated(self, candidates: FloatArray, refine: int) -> FloatArray:
         """Return the same, as the FMU tells it now."""
-        filtered = self.filtered(candidates)
+        filtered, began = self.filtered(candidates), time.monotonic()
+        found = self._in_parts(candidates, refine, filtered)
         if self.effort is not None:
             a_row = self.problem.steps_a_row * (self.between if filtered.any() else 1) * refine
             a_row *= WITH_EVENTS if self.plan.description.has_events else 1
-            self.effort.spend(len(candidates), self.rows * len(self.outputs), self.rows * a_row if a_row > 1 else 0)
+            taken = 0.0 if self.plan.description.is_bundled else time.monotonic() - began
+            steps = self.rows * a_row if a_row > 1 else 0
+            self.effort.spend(len(candidates), self.rows * len(self.outputs), steps, taken)
+        return found
+
+    def _in_parts(self, candidates: FloatArray, refine: int, filtered: NDArray[np.bool_]) -> FloatArray:
+        """Return the same; of no more candidates at once than memory is meant to hold, some `filtered` between rows."""
         alike = filtered.all() or not filtered.any()
         rows = self.between if filtered.any() else 1
         if alike and 0 < len(candidates) <= max(1, CELLS // (self.rows * rows)):
