@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TextIO
 
-from estimator.results.result import PHASES
+from estimator.results.phases import PHASES
 
 REDRAW = 0.1  # s, between two drawings of the live line
 REPEAT = 1.0  # s, after which it is drawn again with the time that has passed, where nothing else happens

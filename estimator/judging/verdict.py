@@ -22,6 +22,7 @@ from estimator.judging.plain_noise import structured
 from estimator.judging.refusal import CONTRADICTED, lost_transients, refused_notes, slow_for_the_motor
 from estimator.judging.speed_against_angle import scales_at_odds
 from estimator.judging.step_check import StepCheck
+from estimator.judging.swings import swings
 from estimator.judging.worse_than_means import describes_nothing, worse_than_means
 from estimator.motor.names import MOTOR, has_motor, is_motor
 from estimator.motor.state_space import poles
@@ -135,7 +136,14 @@ def judge(
         )
         reasons += _traded(plan, polish, statuses)
         missed = misfit(plan, polish, explained, noise, spread)
-        wrong = [*missed, *step.reasons, *_doubts(explained), *scales_at_odds(plan), *_fast(plan, values)]
+        wrong = [
+            *missed,
+            *swings(explained),
+            *step.reasons,
+            *_doubts(explained),
+            *scales_at_odds(plan),
+            *_fast(plan, values),
+        ]
         wrong += [*_late_unseen(plan, values, explained), *_coasting(plan, explained), *slow_for_the_motor(plan)]
         reasons += wrong
         wrong = [*worse, *wrong]

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 
 from estimator.conventions import NUMERICAL
 from estimator.results.numbers import counted, finite_text, number_text
-from estimator.results.result import PHASES, Estimate, OtherValues, Validation, Verdict
+from estimator.results.phases import PHASES
+from estimator.results.result import Estimate, OtherValues, Validation, Verdict
 
 TITLES: Mapping[Verdict, str] = {"ok": "OK", "doubtful": "Doubtful", "refused": "Refused"}
 MEANINGS: Mapping[Verdict, str] = {

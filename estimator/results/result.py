@@ -20,12 +20,6 @@ Verdict = Literal["ok", "doubtful", "refused"]
 Status = Literal["ok", "doubtful", "not identified"]
 Bound = Literal["lower", "upper"]
 ALIKE = 2.0  # of the criterion: explanations that are no further apart are as likely
-PHASES = {  # what is simulated in phases whose name does not say it; short, as 80 columns hold a line of progress
-    "nuisances": "bench effects",
-    "rivals": "alternatives",
-    "profile": "cost profiles",
-    "budget": "uncertainty",
-}
 
 
 @dataclass(frozen=True)
