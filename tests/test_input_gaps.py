@@ -25,6 +25,16 @@ def test_a_chirp_over_lost_rows_is_on_its_curve(noise):
     assert np.max(np.abs(told - CHIRP)[lost]) < 0.01 + 5 * noise and np.array_equal(told[~lost], shown[~lost])
 
 
+@pytest.mark.parametrize("is_by_rows", [True, False])
+def test_a_chirp_that_a_jittering_loop_finds_by_its_turns_or_by_its_clock_is_on_its_curve(is_by_rows):
+    """By its turns it is no curve of the time: held over 36 lost rows, a good chirp took 306 s, R known to a half."""
+    late = np.random.default_rng(2).uniform(-1.2e-4, 1.2e-4, len(T))
+    command = CHIRP if is_by_rows else np.interp(T + late, T, CHIRP)
+    shown, lost = with_gaps(command, rows=1, at=range(200, 1450, 40))
+    told = on_a_curve(T + late, shown)
+    assert np.count_nonzero(np.isnan(told)) == 0 and np.max(np.abs(told - command)[lost]) < 0.02 * np.ptp(CHIRP)
+
+
 def test_a_gap_over_an_edge_of_a_chirp_stays_one():
     shown, lost = with_gaps(CHIRP, at=(98, 900))
     assert np.isnan(on_a_curve(T, shown)[98:101]).all() and not np.isnan(on_a_curve(T, shown)[900:903]).any()

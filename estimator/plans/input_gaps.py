@@ -24,6 +24,7 @@ def on_a_curve(time: FloatArray, signal: FloatArray) -> FloatArray:
     """Return an input, (n,), with its gaps on a cubic spline where it moves smoothly; else it keeps them.
 
     There a spline tells the samples around a gap, too: parts of them, each as long as the longest gap, by the others.
+    It goes by the time, or by the rows: a loop may find its command for each turn, whenever that comes.
     """
     known = np.flatnonzero(~np.isnan(signal))
     gaps = np.diff(known)
@@ -32,16 +33,21 @@ def on_a_curve(time: FloatArray, signal: FloatArray) -> FloatArray:
         return signal
     from scipy.interpolate import CubicSpline  # which takes long to load
 
-    part, errors = np.arange(len(known)) // longest % APART, np.zeros(len(known))
-    for left_out in range(APART):
-        kept = known[part != left_out]
-        errors = np.maximum(errors, np.abs(CubicSpline(time[kept], signal[kept])(time[known]) - signal[known]))
+    def errors(at: FloatArray) -> FloatArray:
+        """Return by how much a spline misses each sample that is left out."""
+        found = np.zeros(len(known))
+        for left_out in range(APART):
+            kept = known[np.arange(len(known)) // longest % APART != left_out]
+            found = np.maximum(found, np.abs(CubicSpline(at[kept], signal[kept])(at[known]) - signal[known]))
+        return found
+
+    missed, at = min(((errors(x), x) for x in (time, np.arange(0.0, len(time)))), key=lambda e: float(np.sum(e[0])))
     most = max(ON_A_CURVE * float(np.ptp(signal[known])), 6 * input_noise(signal[known]))
-    curve, told = CubicSpline(time[known], signal[known]), signal.copy()
+    curve, told = CubicSpline(at[known], signal[known]), signal.copy()
     for k in np.flatnonzero(gaps > 1).tolist():
-        if np.max(errors[max(0, k - APART * longest) : k + 1 + APART * longest]) <= most:
+        if np.max(missed[max(0, k - APART * longest) : k + 1 + APART * longest]) <= most:
             rows = np.arange(known[k] + 1, known[k + 1])
-            told[rows] = curve(time[rows])
+            told[rows] = curve(at[rows])
     return told
 
 
