@@ -49,8 +49,8 @@ def swings(explained: Explained | None) -> list[str]:
     places = [Place(o.recording.name, "w", float(o.times[k]), float(o.times[k]) + seconds) for o, k, seconds in alike]
     return [
         Reason(
-            f"w swings at {usual:.3g} Hz after an edge of the voltage, and settles: a second inertia on an elastic"
-            " shaft, coupling or belt, which is not in the model; record the motor without it, or estimate with a model"
+            f"w swings at {usual:.3g} Hz after an edge of the voltage, and settles, as the model does not: a second"
+            " inertia is on an elastic shaft, coupling or belt; record the motor without it, or estimate with a model"
             " that has it",
             *places,
         )
