@@ -27,7 +27,7 @@ def test_a_chirp_over_lost_rows_is_on_its_curve(noise):
 
 @pytest.mark.parametrize("is_by_rows", [True, False])
 def test_a_chirp_that_a_jittering_loop_finds_by_its_turns_or_by_its_clock_is_on_its_curve(is_by_rows):
-    """By its turns it is no curve of the time: held over 36 lost rows, a good chirp took 306 s, R known to a half."""
+    """By its turns it is no curve of the time: held over 36 lost rows, a good chirp took 306 s, L known to a half."""
     late = np.random.default_rng(2).uniform(-1.2e-4, 1.2e-4, len(T))
     command = CHIRP if is_by_rows else np.interp(T + late, T, CHIRP)
     shown, lost = with_gaps(command, rows=1, at=range(200, 1450, 40))
